@@ -13,9 +13,9 @@ use crate::model::rig::{Fault, Rig, records, replay};
 use crate::model::wire::{CHUNK, LONGEST, Request, crc32, packet};
 
 /// Bytes of a session at least.
-const SESSION: usize = 1 << 18;
+const SESSION: usize = 1 << 16;
 /// Sessions of a finger.
-const SESSIONS: u64 = 32;
+const SESSIONS: u64 = 128;
 
 /// Bytes from a hostile host.
 struct Hostile {
@@ -24,6 +24,8 @@ struct Hostile {
     records: Vec<Vec<u8>>,
     /// Bytes of requests, whole or damaged.
     aimed: usize,
+    /// Whether scans never wait, and the stream shall fill the link.
+    live: bool,
 }
 
 impl Hostile {
@@ -109,7 +111,9 @@ impl Hostile {
         let mut request = Request { tag: self.rng.random(), command, fields: [0; 3], data: vec![] };
         request.fields = [self.number(command), self.number(0), self.number(0)];
         if command == 10 {
-            request.data = vec![0; self.below(2) * 8 * self.below(17)];
+            // Some are no whole words, or longer than a chunk.
+            let words = 8 * self.below(17);
+            request.data = vec![0; if self.one_in(4) { self.below(140) } else { words }];
             self.rng.fill_bytes(&mut request.data);
         }
         let mut message = request.write();
@@ -131,11 +135,13 @@ impl Hostile {
     /// Draws a field of a command: a usual value, one at a limit, or any.
     fn number(&mut self, command: u8) -> u64 {
         let limits: &[u64] = match command {
-            // The stream is off in most of the time, and rarely on without a pause.
-            2 => return u64::from(self.one_in(4)),
+            // Mostly off, because a scan takes as long as hundreds of bytes.
+            2 => return u64::from(self.one_in(4) != self.live),
             5 => return self.below(4) as u64,
             // Long ones leave no room for others.
             6 | 16 if !self.one_in(200) => return self.below(40) as u64,
+            3 | 18 if self.live => &[8000, 4000, 8001],
+            4 if self.live => &[511, 511, 511, 512],
             3 | 19 => &[0, 1, 50, 333, 1000, 1001, 2000, 2001, 4000, 4001, 8000],
             4 => &[0, 60, 511, 512],
             9 => &[0, 5, 6, 8, 64, 4080, 4081],
@@ -214,12 +220,12 @@ fn campaign(
             break;
         }
         let rng = ChaCha8Rng::seed_from_u64(seed);
-        let mut host = Hostile { rng, bytes: vec![], records: records(), aimed: 0 };
+        let mut host = Hostile { rng, bytes: vec![], records: records(), aimed: 0, live: false };
         let mut rig = Rig::new(!host.one_in(4), fault, host.rng.random());
         for _ in 0..SESSIONS {
+            host.live = host.one_in(10);
             host.session();
-            let live = host.one_in(16);
-            let pace = if live { Pace::Live } else { Pace::Lossless };
+            let pace = if host.live { Pace::Live } else { Pace::Lossless };
             rig.session(&host.bytes, pace).map_err(|wrong| format!("seed {seed}, {wrong}"))?;
             report.aimed += host.aimed as u64;
             if host.one_in(4) {
@@ -227,7 +233,7 @@ fn campaign(
                 report.restarts += 1;
                 rig.restart();
             }
-            report.live += if live { host.bytes.len() as u64 } else { 0 };
+            report.live += if host.live { host.bytes.len() as u64 } else { 0 };
         }
         report.fingers += 1;
         report.bytes += rig.model.at;

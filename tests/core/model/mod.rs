@@ -266,7 +266,7 @@ impl Model {
         };
         let (at, expected) = (*at, self.answer(request, *bad));
         let Request { tag, command, .. } = *request;
-        // Before the late reply, because one to ReadBias may look like it and then comes next to it.
+        // Before the late reply: where a bias could be either, both come one after the other.
         if self.matches(&expected, message, scans) {
             let Some(Asked { request, .. }) = self.asked.pop_front() else { return Ok(()) };
             match message {

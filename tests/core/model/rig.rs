@@ -98,8 +98,9 @@ struct Link<'l> {
     fault: Option<Fault>,
     /// State of the generator of lengths.
     luck: u32,
-    /// Whether the host takes bytes late at times.
+    /// Whether the host takes bytes late at times, and turns until it takes the next ones.
     slow: bool,
+    stall: usize,
     closed: bool,
     /// Begin of the finger's next packet.
     packet: Vec<u8>,
@@ -116,6 +117,17 @@ impl Link<'_> {
         self.luck ^= self.luck >> 17;
         self.luck ^= self.luck << 5;
         self.luck as usize % below
+    }
+
+    /// Whether the host takes nothing in this turn. Some pauses are so long that the link fills.
+    fn stalls(&mut self) -> bool {
+        if self.stall == 0 {
+            let longest = if self.luck(32) == 0 { 200 } else { 8 };
+            self.stall = self.luck(longest);
+        } else {
+            self.stall -= 1;
+        }
+        self.stall > 0
     }
 
     /// Sends the next bytes: in half of the cases all that fit.
@@ -213,7 +225,7 @@ impl Write for Host<'_, '_> {
     async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
         poll_fn(|_| {
             let mut link = self.0.borrow_mut();
-            if link.slow && link.luck(8) != 0 {
+            if link.slow && link.stalls() {
                 return Poll::Pending;
             }
             let length = if link.luck(2) == 0 { bytes.len() } else { 1 + link.luck(bytes.len()) };
@@ -287,6 +299,7 @@ impl Rig {
             fault: self.fault,
             luck: self.luck,
             slow: pace == Pace::Live,
+            stall: 0,
             closed: false,
             packet: vec![],
             held_back: None,
