@@ -16,6 +16,10 @@ pub(super) struct Upload {
 #[derive(Debug)]
 pub(super) enum Expected {
     Message(Vec<u8>),
+    /// This message, or what else the request gets.
+    Either(Vec<u8>, Box<Expected>),
+    /// Health with the erasures after these bytes.
+    Health(Vec<u8>),
     /// Bias, taken on command or not.
     Bias(bool),
     /// Info with any scans and frames between these bytes.
@@ -25,8 +29,16 @@ pub(super) enum Expected {
 }
 
 impl Model {
-    /// Reply to a request that no scan has to answer.
-    pub(super) fn answer(&self, request: &Request, bad: u64) -> Expected {
+    /// Reply to a request that no scan has to answer, after so many scans at most.
+    pub(super) fn answer(&self, request: &Request, bad: u64, most: u64) -> Expected {
+        let expected = self.unpaced(request, bad);
+        match request.command {
+            9 | 13 | 14 => self.paced(request.tag, most, expected),
+            _ => expected,
+        }
+    }
+
+    fn unpaced(&self, request: &Request, bad: u64) -> Expected {
         let Request { tag, command, fields: [first, ..], ref data } = *request;
         let done = || Expected::Message(vec![1, tag, 0, 0]);
         let refusal = |number: u8, fields: &[u64]| {
@@ -85,8 +97,8 @@ impl Model {
                     Expected::Message(message)
                 }
             },
-            // All unknown but the cost of frames, which is 0 ticks.
-            15 => Expected::Message(vec![1, tag, 0, 5, 0, 0, 0, 1, 0, 0, 0, 0]),
+            // All unknown but the cost of frames, which is 0 ticks, and the erasures.
+            15 => Expected::Health(vec![1, tag, 0, 5, 0, 0, 0, 1, 0, 0, 0, 0, 1]),
             17 if !self.facts.equipped => refusal(unsupported, &[]),
             18 | 20 if late => refusal(busy, &[]),
             18 if !(1..=FASTEST).contains(&first) => refusal(9, &[0, 1, FASTEST]),

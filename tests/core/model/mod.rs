@@ -6,12 +6,14 @@
 #![allow(dead_code, reason = "the fuzz target and the tests each use a part")]
 
 mod answer;
+mod flash;
 pub mod rig;
 pub mod wire;
 
 use std::collections::VecDeque;
 
 use answer::{Expected, Upload};
+use flash::Flash;
 use wire::{LONGEST, Reader, Request, put};
 
 /// Highest rate of a scan on the board of the [`rig`], in hertz.
@@ -91,6 +93,7 @@ pub struct Model {
     /// Rate of the scan that the host set.
     scan: Option<u64>,
     saved: Saved,
+    flash: Flash,
     /// Scans of the last Info.
     scans: u64,
     /// Least number of the next frame.
@@ -153,6 +156,7 @@ impl Model {
             upload: None,
             scan: None,
             saved: Saved::default(),
+            flash: Flash::default(),
             scans: 0,
             seq: 0,
             frames: [0; 2],
@@ -178,7 +182,9 @@ impl Model {
     pub fn restart(&mut self) {
         let (at, compared) = (self.at, std::mem::take(&mut self.compared));
         let (record, saved) = (self.record.take(), std::mem::take(&mut self.saved));
-        *self = Self { at, compared, record, ..Self::new(self.facts.clone()) };
+        let mut flash = std::mem::take(&mut self.flash);
+        flash.restart();
+        *self = Self { at, compared, record, flash, ..Self::new(self.facts.clone()) };
         if let Some((settings, scan)) = saved.settings {
             self.scan = scan;
             self.scan_hz = scan.unwrap_or(self.scan_hz);
@@ -264,7 +270,7 @@ impl Model {
                 "byte {at}: expected no reply but the late one to {late:?}, found {message:02x?}"
             ));
         };
-        let (at, expected) = (*at, self.answer(request, *bad));
+        let (at, expected) = (*at, self.answer(request, *bad, scans));
         let Request { tag, command, .. } = *request;
         // Before the late reply: where a bias could be either, both come one after the other.
         if self.matches(&expected, message, scans) {
@@ -273,6 +279,7 @@ impl Model {
                 [1, _, 1, refusal, ..] => self.compared.refused[usize::from(*refusal)] += 1,
                 _ => {
                     self.compared.done[usize::from(request.command)] += 1;
+                    self.flash.note(request.command, self.scans, scans);
                     self.apply(request);
                 }
             }
@@ -353,6 +360,12 @@ impl Model {
         let tag = self.asked.front().map_or(0, |asked| asked.request.tag);
         match expected {
             Expected::Message(expected) => message == expected,
+            Expected::Either(expected, otherwise) => {
+                message == expected || self.matches(otherwise, message, scans)
+            }
+            Expected::Health(begin) => {
+                message.strip_prefix(&begin[..]).is_some_and(|rest| self.flash.agrees(rest))
+            }
             Expected::Bias(on_command) => is_bias(message, tag, *on_command).is_some(),
             Expected::Judgement => match message {
                 [1, at, 0, 0] => *at == tag,
