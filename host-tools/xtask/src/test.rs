@@ -295,7 +295,8 @@ pub fn tests(profile: Profile, directory: &Path, selection: Selection) -> Result
         }
     }
     if profile == Profile::Nightly {
-        command.env("PROPTEST_CASES", NIGHTLY_CASES);
+        // `TAXEL_LONG` asks campaigns for their long form.
+        command.env("PROPTEST_CASES", NIGHTLY_CASES).env("TAXEL_LONG", "1");
     }
     let emulated = format!("test(/(^|::){EMULATED}::/)");
     if nextest {
