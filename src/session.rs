@@ -320,6 +320,7 @@ fn reply_reserve(instrument: &Instrument) -> usize {
 }
 
 /// Passes board commands to the board and all others to the instrument.
+#[inline(never)]
 fn answer(
     request: &Request,
     board: &mut impl Board,

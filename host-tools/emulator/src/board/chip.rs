@@ -210,6 +210,11 @@ impl Common {
         self.iwdg.patience()
     }
 
+    /// Longest time between two feedings of the watchdog since the last call.
+    pub fn unfed(&mut self, now: Tick) -> Tick {
+        self.iwdg.longest(now)
+    }
+
     /// MODER, OTYPER and PUPDR of ports A to C, which have the finger's pins.
     pub fn pins(&self) -> Vec<[u32; 3]> {
         self.ports.iter().take(3).map(Gpio::modes).collect()

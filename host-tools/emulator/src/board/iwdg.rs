@@ -11,11 +11,13 @@ pub struct Iwdg {
     prescaler: u32,
     reload: u32,
     fed: Option<Tick>,
+    /// Longest time between two feedings.
+    longest: Tick,
 }
 
 impl Default for Iwdg {
     fn default() -> Self {
-        Self { unlocked: false, prescaler: 0, reload: 0xfff, fed: None }
+        Self { unlocked: false, prescaler: 0, reload: 0xfff, fed: None, longest: 0 }
     }
 }
 
@@ -24,6 +26,12 @@ impl Iwdg {
     pub fn patience(&self) -> Option<Tick> {
         let count = Tick::from(self.reload + 1) * (4 << self.prescaler.min(6));
         self.fed.map(|_| count * LSI)
+    }
+
+    /// Longest time that the watchdog was not fed since `now` was last given.
+    pub fn longest(&mut self, now: Tick) -> Tick {
+        let since = self.fed.map_or(0, |fed| now.saturating_sub(fed));
+        std::mem::take(&mut self.longest).max(since)
     }
 
     /// Time at which the watchdog resets the chip.
@@ -46,7 +54,10 @@ impl Iwdg {
     /// Writes the register at `offset`.
     pub fn write(&mut self, offset: u32, value: u32, now: Tick) -> Outcome {
         match (offset, value) {
-            (0x00, 0xaaaa) => self.fed = self.fed.map(|_| now),
+            (0x00, 0xaaaa) => {
+                self.longest = self.longest.max(self.fed.map_or(0, |fed| now - fed));
+                self.fed = self.fed.map(|_| now);
+            }
             (0x00, 0xcccc) => self.fed = Some(now),
             (0x00, 0x5555) => self.unlocked = true,
             (0x00, 0x0000) => self.unlocked = false,
