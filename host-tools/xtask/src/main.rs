@@ -2,6 +2,7 @@
 //!
 //! `.ci/setup` installs the tools that a task needs and the machine lacks.
 
+mod bill;
 mod changes;
 mod costs;
 mod cycles;
@@ -50,6 +51,14 @@ enum Task {
         /// A folder of `boards/`
         board: String,
     },
+    /// Writes what a released program is made of: its SBOM and the licences of its parts
+    Bill {
+        /// `taxel` or a board
+        program: String,
+        /// Folder to write into
+        #[arg(long, value_name = "FOLDER")]
+        out: std::path::PathBuf,
+    },
     /// Builds the emulator and the boards' images, for `taxel demo --emulated` and `replay --on`
     Emulator,
     /// Counts the instructions and modelled cycles of every core stage on a Cortex-M4F
@@ -80,6 +89,7 @@ fn main() -> ExitCode {
     let done = match arguments.task {
         Task::Test(test) => test::task(&test, &mut steps),
         Task::Firmware { board } => firmware::task(&board),
+        Task::Bill { program, out } => bill::task(&program, &out),
         Task::Emulator => emulator::task(),
         Task::Cycles(cycles) => cycles::task(&cycles),
         Task::Registers { check } => registers::task(check),

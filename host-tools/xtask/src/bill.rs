@@ -1,0 +1,128 @@
+//! What a released program is made of: its parts for machines, as a CycloneDX bill of materials
+//! (SBOM), and the licences of all parts for people.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use anyhow::{Context, Result, bail};
+use serde_json::Value;
+
+use crate::run::{answer, cargo, root, run, target};
+
+/// Released programs, each with the folder of its package.
+const PROGRAMS: [(&str, &str); 4] = [
+    ("taxel", "host-tools/cli"),
+    ("stm32g431", "boards/stm32g431"),
+    ("stm32g473", "boards/stm32g473"),
+    ("stm32f411", "boards/stm32f411"),
+];
+/// Licence of the page's plots, the only part of `taxel` that is no crate.
+const PLOTS: &str = "host-tools/cli/assets/page/uplot/LICENSE";
+/// Cargo's subcommands, and what installs them.
+const TOOLS: [(&str, &str); 2] = [
+    ("cyclonedx", "cargo install --locked cargo-cyclonedx"),
+    ("about", "cargo install --locked cargo-about --features cli"),
+];
+
+/// Writes `PROGRAM.cdx.json` and `PROGRAM.notices.txt` into the folder `out`.
+///
+/// # Errors
+/// The program is unknown, a tool is missing, or a part has a licence that `deny.toml` does not
+/// allow.
+pub fn task(program: &str, out: &Path) -> Result<()> {
+    let Some((_, folder)) = PROGRAMS.iter().find(|(name, _)| *name == program) else {
+        let names = PROGRAMS.map(|(name, _)| name).join(", ");
+        bail!("no released program is called `{program}`; they are {names}");
+    };
+    for (tool, install) in TOOLS {
+        if answer(cargo().args([tool, "--version"])).is_none() {
+            bail!("`cargo {tool}` is missing; install it with `{install}`");
+        }
+    }
+    fs::create_dir_all(out).with_context(|| out.display().to_string())?;
+    let out = out.canonicalize().with_context(|| out.display().to_string())?;
+    let manifest = root().join(folder).join("Cargo.toml");
+    parts(program, &manifest, &out.join(format!("{program}.cdx.json")))?;
+    notices(program, &manifest, &out.join(format!("{program}.notices.txt")))
+}
+
+/// Writes the bill of materials. The tool leaves one beside each package of the workspace.
+fn parts(program: &str, manifest: &Path, out: &Path) -> Result<()> {
+    let name = format!("{program}.cdx");
+    run(at(&mut cargo(), &["cyclonedx"], manifest)
+        .args(["--format", "json", "--spec-version", "1.5", "--no-build-deps", "--quiet"])
+        .args(["--target", "all", "--override-filename", &name]))?;
+    let mut metadata = cargo();
+    let metadata = at(&mut metadata, &["metadata", "--no-deps", "--format-version", "1"], manifest)
+        .output()?;
+    let metadata: Value = serde_json::from_slice(&metadata.stdout)?;
+    for package in metadata["packages"].as_array().into_iter().flatten() {
+        let its = Path::new(package["manifest_path"].as_str().unwrap_or_default());
+        let written = its.with_file_name(format!("{name}.json"));
+        if its == manifest {
+            fs::copy(&written, out).with_context(|| written.display().to_string())?;
+        }
+        if written.exists() {
+            fs::remove_file(&written)?;
+        }
+    }
+    Ok(())
+}
+
+/// Writes the licence of each part, once for all parts that share its text.
+fn notices(program: &str, manifest: &Path, out: &Path) -> Result<()> {
+    let accepted = target().join("about.toml");
+    fs::write(&accepted, accepted_licences()?)?;
+    let template = root().join("host-tools/xtask/notices.hbs");
+    run(at(&mut cargo(), &["about", "generate", "--fail"], manifest)
+        .arg("--config")
+        .arg(accepted)
+        .arg("--output-file")
+        .arg(out)
+        .arg(template))?;
+    if program == "taxel" {
+        let plots = fs::read_to_string(root().join(PLOTS))?;
+        let text = fs::read_to_string(out)?;
+        fs::write(out, format!("{text}uPlot, which draws the page's plots\n\n{plots}"))?;
+    }
+    Ok(())
+}
+
+/// Configuration of `cargo about`: the licences that `deny.toml` allows.
+fn accepted_licences() -> Result<String> {
+    let deny: toml::Table = toml::from_str(&fs::read_to_string(root().join("deny.toml"))?)?;
+    let allowed = deny.get("licenses").and_then(|licenses| licenses.get("allow"));
+    let mut about = toml::Table::new();
+    about.insert("accepted".into(), allowed.context("deny.toml allows no licence")?.clone());
+    for scope in ["ignore-dev-dependencies", "ignore-build-dependencies"] {
+        about.insert(scope.into(), true.into());
+    }
+    Ok(toml::to_string(&about)?)
+}
+
+fn at<'c>(command: &'c mut Command, words: &[&str], manifest: &Path) -> &'c mut Command {
+    command.args(words).arg("--manifest-path").arg(manifest)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn programs_are_packages_and_licences_those_of_deny() {
+        for (program, folder) in PROGRAMS {
+            let manifest = fs::read_to_string(root().join(folder).join("Cargo.toml")).unwrap();
+            assert!(manifest.contains(&format!("name = \"{program}\"")), "{program}");
+        }
+        let about = accepted_licences().unwrap();
+        assert!(about.contains("\"Apache-2.0\"") && !about.contains("GPL"), "{about}");
+        assert!(fs::read_to_string(root().join(PLOTS)).unwrap().contains("Leon Sorokin"));
+    }
+
+    #[test]
+    fn unknown_program_is_refused_with_the_known_ones() {
+        let refused = task("stm32f7", Path::new("nowhere")).unwrap_err().to_string();
+        assert!(refused.contains("taxel, stm32g431, stm32g473, stm32f411"), "{refused}");
+    }
+}
