@@ -1,5 +1,6 @@
 //! Loop over a finger's stream, from start to end, with counts and a progress bar.
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
@@ -50,8 +51,8 @@ pub enum Next<'n> {
 }
 
 /// Passes the frames of a connected finger to `each`, for `duration` or until Ctrl-C. The finger
-/// must not stream yet. If it is unplugged and `awaited`, it is waited for, with a note on standard
-/// error; otherwise the stream ends.
+/// must not stream yet, and streams until [`leave`]. If it is unplugged and `awaited`, it is waited
+/// for, with a note on standard error; otherwise the stream ends.
 ///
 /// Errors of `each`, or of starting the stream. A link that breaks later is no error; see
 /// [`Ended`].
@@ -85,6 +86,11 @@ pub fn run(
                 bar.set_position(millis(tally.duration_s()));
                 each(Next::Frame(&received))?;
             }
+            Event::Connecting => {
+                if enough(tally.duration_s() + heard.elapsed().as_secs_f64()) {
+                    break None;
+                }
+            }
             Event::Timeout if heard.elapsed() < DRY => {}
             Event::Timeout => {
                 let dry = DRY.as_secs();
@@ -116,13 +122,22 @@ pub fn run(
     bar.finish_and_clear();
     // Frames received so far are counted; those on their way are not.
     client.iter().for_each(|client| tally.end_connection(client));
-    if broken.is_none() {
-        // The stream has ended, so an unplugged finger is no error here.
-        client.iter().for_each(|client| drop(client.stream(false)));
-    }
     // A recording that ends while its finger is unplugged is incomplete.
     let broken = broken.or(gone.map(anyhow::Error::from));
     Ok(Ended { summary: tally.summary(), broken })
+}
+
+/// Stops the stream of a finger. `first` runs before.
+pub fn leave(
+    finger: Arc<ReconnectingClient>,
+    interrupt: &Interrupt,
+    first: impl FnOnce(&ReconnectingClient) + Send + 'static,
+) {
+    interrupt.farewell(move || {
+        first(&finger);
+        // The stream has ended, so an unplugged finger is no error here.
+        finger.client().iter().for_each(|client| drop(client.stream(false)));
+    });
 }
 
 /// Creates the progress bar, in milliseconds; hidden if the stream runs until Ctrl-C.

@@ -1,5 +1,6 @@
 //! Client that opens a broken link again and restores the finger's settings.
 
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -19,16 +20,25 @@ const RETRY: Duration = Duration::from_millis(100);
 /// Client of one finger over any number of connections.
 pub struct ReconnectingClient {
     port: Port,
-    open: Open,
+    open: Arc<Open>,
     state: Mutex<State>,
 }
 
-type Open = Box<dyn Fn(&Port) -> Result<Link, LinkError> + Send + Sync>;
+type Open = dyn Fn(&Port) -> Result<Link, LinkError> + Send + Sync;
 
 #[derive(Default)]
 struct State {
     client: Option<Arc<Client>>,
+    /// Attempt to connect that goes on in its own thread.
+    attempt: Option<Receiver<Result<Connected, LinkError>>>,
     settings: Option<Settings>,
+    bias_lost: bool,
+}
+
+/// Finger that streams with its settings.
+struct Connected {
+    client: Client,
+    settings: Settings,
     bias_lost: bool,
 }
 
@@ -52,6 +62,8 @@ pub enum Event {
     Frame(Received),
     /// No frame within the time given.
     Timeout,
+    /// An attempt to connect goes on.
+    Connecting,
     /// The finger was connected, for the first time or again, and streams.
     Connected(Arc<Client>),
     /// The finger is not connected, with the reason. The next call tries again.
@@ -73,7 +85,7 @@ impl ReconnectingClient {
         port: Port,
         open: impl Fn(&Port) -> Result<Link, LinkError> + Send + Sync + 'static,
     ) -> Self {
-        Self { port, open: Box::new(open), state: Mutex::default() }
+        Self { port, open: Arc::new(open), state: Mutex::default() }
     }
 
     /// Wraps a client that is connected and streams.
@@ -97,15 +109,12 @@ impl ReconnectingClient {
     }
 
     /// Waits for the next event. The finger streams from the first call on.
+    ///
+    /// A connection is made in a thread of its own, because a finger may be silent for seconds: no
+    /// call takes longer than `patience` and the interval between attempts, 0.1 s.
     pub fn next(&self, patience: Duration) -> Event {
         let Some(client) = self.client() else {
-            return match self.connect() {
-                Ok(client) => Event::Connected(client),
-                Err(error) => {
-                    std::thread::sleep(RETRY);
-                    Event::Disconnected(error)
-                }
-            };
+            return self.connect(patience);
         };
         match client.next(patience) {
             Ok(Some(received)) => Event::Frame(received),
@@ -123,15 +132,8 @@ impl ReconnectingClient {
     /// # Errors
     /// The finger does not reply.
     pub fn remember(&self, client: &Client) -> Result<Info, LinkError> {
-        let info = client.info()?;
-        self.state().settings = Some(Settings {
-            millihertz: info.rate_millihertz,
-            filter_hz: info.filter_hz,
-            fields: info.fields,
-            method: info.point_method,
-            scan: client.health()?.scan,
-            biased: info.biased,
-        });
+        let (settings, info) = Settings::of(client)?;
+        self.state().settings = Some(settings);
         Ok(info)
     }
 
@@ -142,38 +144,94 @@ impl ReconnectingClient {
         self.state().bias_lost
     }
 
-    fn connect(&self) -> Result<Arc<Client>, LinkError> {
-        let settings = self.state().settings;
-        let link = (self.open)(&self.port)?;
-        let client = match settings {
-            None => Client::over(&self.port, link)?,
-            Some(_) => Client::again(&self.port, link)?,
-        };
-        match settings {
-            None => drop(self.remember(&client)?),
-            Some(Settings { millihertz, filter_hz, fields, method, scan, biased }) => {
-                // First, because the others depend on it. Only if it differs, because it clears the
-                // bias.
-                if let Some(scan) = scan
-                    && client.health()?.scan != Some(scan)
-                {
-                    client.set_scan(scan)?;
-                }
-                self.state().bias_lost = biased && !client.info()?.biased;
-                let hertz = millihertz.div_ceil(1000).clamp(1, u16::MAX.into());
-                client.set_rate(hertz as u16)?;
-                client.set_filter(filter_hz)?;
-                client.set_fields(fields)?;
-                client.set_point_method(method)?;
+    /// Begins an attempt to connect, or waits for the one that goes on.
+    fn connect(&self, patience: Duration) -> Event {
+        let attempt = self.state().attempt.take();
+        let attempt = attempt.unwrap_or_else(|| self.begin());
+        match attempt.recv_timeout(patience) {
+            Ok(Ok(Connected { client, settings, bias_lost })) => {
+                let client = Arc::new(client);
+                let mut state = self.state();
+                (state.settings, state.bias_lost) = (Some(settings), bias_lost);
+                state.client = Some(Arc::clone(&client));
+                Event::Connected(client)
+            }
+            Ok(Err(error)) => {
+                std::thread::sleep(RETRY);
+                Event::Disconnected(error)
+            }
+            Err(RecvTimeoutError::Timeout) => {
+                self.state().attempt = Some(attempt);
+                Event::Connecting
+            }
+            Err(RecvTimeoutError::Disconnected) => {
+                let failed = "the attempt to connect failed by a bug in this program".to_owned();
+                Event::Disconnected(Problem::Open(failed).at(&self.port))
             }
         }
-        client.stream(true)?;
-        let client = Arc::new(client);
-        self.state().client = Some(Arc::clone(&client));
-        Ok(client)
+    }
+
+    /// Starts the thread of an attempt. It ends by itself, even if nobody waits for it.
+    fn begin(&self) -> Receiver<Result<Connected, LinkError>> {
+        let (done, attempt) = channel();
+        let (port, open, settings) =
+            (self.port.clone(), Arc::clone(&self.open), self.state().settings);
+        let connect = move || drop(done.send(connect(&port, &*open, settings)));
+        // Without a thread the attempt counts as failed.
+        let _ = std::thread::Builder::new().name("taxel-connect".to_owned()).spawn(connect);
+        attempt
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+impl Settings {
+    /// Asks for the present settings of a finger.
+    fn of(client: &Client) -> Result<(Self, Info), LinkError> {
+        let info = client.info()?;
+        let settings = Self {
+            millihertz: info.rate_millihertz,
+            filter_hz: info.filter_hz,
+            fields: info.fields,
+            method: info.point_method,
+            scan: client.health()?.scan,
+            biased: info.biased,
+        };
+        Ok((settings, info))
+    }
+
+    /// Restores the settings. Returns whether the bias is lost.
+    fn restore(self, client: &Client) -> Result<bool, LinkError> {
+        // First, because the others depend on it. Only if it differs, because it clears the bias.
+        if let Some(scan) = self.scan
+            && client.health()?.scan != Some(scan)
+        {
+            client.set_scan(scan)?;
+        }
+        let bias_lost = self.biased && !client.info()?.biased;
+        let hertz = self.millihertz.div_ceil(1000).clamp(1, u16::MAX.into());
+        client.set_rate(hertz as u16)?;
+        client.set_filter(self.filter_hz)?;
+        client.set_fields(self.fields)?;
+        client.set_point_method(self.method)?;
+        Ok(bias_lost)
+    }
+}
+
+/// Connects to a finger with these settings, or with its own for the first time.
+fn connect(port: &Port, open: &Open, settings: Option<Settings>) -> Result<Connected, LinkError> {
+    let link = open(port)?;
+    let connected = if let Some(settings) = settings {
+        let client = Client::again(port, link)?;
+        let bias_lost = settings.restore(&client)?;
+        Connected { client, settings, bias_lost }
+    } else {
+        let client = Client::over(port, link)?;
+        let (settings, _) = Settings::of(&client)?;
+        Connected { client, settings, bias_lost: false }
+    };
+    connected.client.stream(true)?;
+    Ok(connected)
 }

@@ -15,4 +15,4 @@ pub mod table;
 pub mod trace;
 
 pub use error::FileError;
-pub use save::{Pending, save};
+pub use save::{Pending, discard_pending, save};

@@ -4,6 +4,7 @@ use std::ffi::OsStr;
 use std::fs::{File, Metadata, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use tempfile::{Builder, TempPath};
 
@@ -20,6 +21,21 @@ pub fn save(path: impl AsRef<Path>, contents: impl AsRef<[u8]>) -> Result<(), Fi
     let written = pour(pending.path(), contents.as_ref());
     written.map_err(|error| FileError::io(path.as_ref(), &error))?;
     pending.commit()
+}
+
+/// Temporary files of this process.
+static TEMPORARY: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+fn temporary() -> MutexGuard<'static, Vec<PathBuf>> {
+    TEMPORARY.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Removes the temporary files of every [`Pending`], before a program ends without dropping them.
+pub fn discard_pending() {
+    for path in temporary().drain(..) {
+        // One that was given its name meanwhile is gone from here.
+        let _ = std::fs::remove_file(path);
+    }
 }
 
 /// File that gets its name only when it is whole and on the disk.
@@ -53,6 +69,7 @@ impl Pending {
             _ => beside(&target).map(Some),
         };
         let temporary = temporary.map_err(|error: io::Error| FileError::io(&path, &error))?;
+        self::temporary().extend(temporary.as_ref().map(|file| file.to_path_buf()));
         Ok(Self { path, target, former, temporary })
     }
 
@@ -72,21 +89,35 @@ impl Pending {
     ///
     /// # Errors
     /// The disk is full or the folder is gone; the former file stays.
-    pub fn commit(self) -> Result<(), FileError> {
-        let Self { path, target, former, temporary } = self;
-        let Some(temporary) = temporary else { return Ok(()) };
+    pub fn commit(mut self) -> Result<(), FileError> {
+        let Some(temporary) = self.temporary.take() else { return Ok(()) };
+        let Self { path, target, former, .. } = &self;
+        let name = temporary.to_path_buf();
         let replaced = || -> io::Result<()> {
             let file = File::open(&temporary)?;
             if let Some(former) = former {
                 file.set_permissions(former.permissions())?;
             }
             file.sync_all()?;
-            temporary.persist(&target).map_err(|error| error.error)?;
+            temporary.persist(target).map_err(|error| error.error)?;
             // On Unix the folder holds the name and needs its own sync.
-            if cfg!(unix) { File::open(folder(&target))?.sync_all() } else { Ok(()) }
+            if cfg!(unix) { File::open(folder(target))?.sync_all() } else { Ok(()) }
         };
-        replaced().map_err(|error| FileError::io(&path, &error))
+        let replaced = replaced();
+        forget(&name);
+        replaced.map_err(|error| FileError::io(path, &error))
     }
+}
+
+impl Drop for Pending {
+    fn drop(&mut self) {
+        self.temporary.iter().for_each(|file| forget(file));
+    }
+}
+
+/// Takes a temporary file off the list; it has its name, or is removed by its own drop.
+fn forget(file: &Path) {
+    temporary().retain(|path| path != file);
 }
 
 fn pour(target: &Path, contents: &[u8]) -> io::Result<()> {

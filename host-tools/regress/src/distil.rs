@@ -77,7 +77,7 @@ pub(crate) fn distil(
         x.row_iter().map(|row| row.iter().zip(scales).map(|(v, s)| value(v, s)).collect()).collect()
     };
     let x = unscaled(&taught, &lesson.scaling.inputs);
-    let y = unscaled(&teacher.outputs(&taught), &lesson.scaling.targets);
+    let y = unscaled(&teacher.outputs_until(&taught, stop)?, &lesson.scaling.targets);
     let net = network::imitate(part, (&x, &y), (build, DECAY), (inputs, options), progress, stop)?;
 
     let unseen = self::between(lesson, RECORDED, &mut rng);

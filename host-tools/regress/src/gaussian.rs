@@ -216,7 +216,7 @@ pub(crate) struct Model {
 ///
 /// # Errors
 ///
-/// Stopped before anything was chosen.
+/// Stopped before the end, because every step of it takes long and a part of it is no model.
 pub(crate) fn fit(
     choice: &Rows,
     rows: &Rows,
@@ -229,12 +229,11 @@ pub(crate) fn fit(
     let bends = SIZES.iter().flat_map(|size| REACHES.map(|reach| Bend { reach, size: *size }));
     let mut trials = Vec::new();
     for (tried, bend) in bends.enumerate() {
-        if stop.load(Ordering::Relaxed) {
-            break;
-        }
+        ended(stop)?;
         trials.extend(attempt(choice, bend, &products, &apart));
         progress(tried + 1, SIZES.len() * REACHES.len());
     }
+    ended(stop)?;
     let outputs = rows.y.ncols();
     let mut model = Model {
         rows: &rows.x * &heard,
@@ -259,6 +258,7 @@ pub(crate) fn fit(
     }
     let (products, apart) = (dots(&rows.x, &rows.x), squares(&model.rows, &model.rows));
     for (prior, outputs) in chosen {
+        ended(stop)?;
         let Some(factor) = prior.factor(&products, &apart) else { continue };
         let mut weights = factor.solve(&rows.y);
         for (k, mut column) in weights.column_iter_mut().enumerate() {
@@ -271,6 +271,11 @@ pub(crate) fn fit(
         model.members.push(Member { prior, weights });
     }
     Ok(model)
+}
+
+/// Returns an error once the fit is stopped.
+fn ended(stop: &AtomicBool) -> Result<(), FitError> {
+    if stop.load(Ordering::Relaxed) { Err(FitError::Stopped) } else { Ok(()) }
 }
 
 fn attempt(rows: &Rows, bend: Bend, dots: &DMatrix<f64>, squares: &DMatrix<f64>) -> Option<Trial> {
@@ -305,17 +310,44 @@ fn squares(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
 impl Model {
     /// Predicts the scaled targets for scaled inputs, row for row.
     pub fn outputs(&self, x: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut y = self.line(x);
+        (0..x.nrows()).step_by(CHUNK).for_each(|start| self.bend(x, start, &mut y));
+        y
+    }
+
+    /// Predicts as [`Self::outputs`], until the fit is stopped.
+    ///
+    /// # Errors
+    ///
+    /// Stopped before the last row.
+    pub fn outputs_until(
+        &self,
+        x: &DMatrix<f64>,
+        stop: &AtomicBool,
+    ) -> Result<DMatrix<f64>, FitError> {
+        let mut y = self.line(x);
+        for start in (0..x.nrows()).step_by(CHUNK) {
+            ended(stop)?;
+            self.bend(x, start, &mut y);
+        }
+        Ok(y)
+    }
+
+    /// Predicts the straight line's share.
+    fn line(&self, x: &DMatrix<f64>) -> DMatrix<f64> {
         let mut y = x * &self.slope;
         y.row_iter_mut().for_each(|mut row| row += self.level.transpose());
-        for start in (0..x.nrows()).step_by(CHUNK) {
-            let count = CHUNK.min(x.nrows() - start);
-            let apart = squares(&(x.rows(start, count) * &self.heard), &self.rows);
-            for member in &self.members {
-                let mut rows = y.rows_mut(start, count);
-                rows += apart.map(|square| member.prior.of(square)) * &member.weights;
-            }
-        }
         y
+    }
+
+    /// Adds the bend to the predictions of a chunk of rows.
+    fn bend(&self, x: &DMatrix<f64>, start: usize, y: &mut DMatrix<f64>) {
+        let count = CHUNK.min(x.nrows() - start);
+        let apart = squares(&(x.rows(start, count) * &self.heard), &self.rows);
+        for member in &self.members {
+            let mut rows = y.rows_mut(start, count);
+            rows += apart.map(|square| member.prior.of(square)) * &member.weights;
+        }
     }
 }
 

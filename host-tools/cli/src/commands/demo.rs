@@ -146,6 +146,8 @@ fn perform(mut finger: impl Performer, args: &Args, interrupt: &Interrupt) -> an
         Ok(())
     })?;
     live.clear();
+    let page = page.map(|(server, _)| server);
+    stream::leave(steady, interrupt, |_| drop((page, client)));
     if let Some(error) = ended.broken {
         return Err(error);
     }

@@ -1,13 +1,13 @@
 //! `taxel export`: converts a recording to another file format.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use indicatif::ProgressBar;
-use taxel_files::FileError;
 use taxel_files::frames::Cell;
-use taxel_files::recording::{Recorder, Recording};
+use taxel_files::recording::{Existing, Recorder, Recording};
 use taxel_files::stretch::Stretch;
+use taxel_files::{FileError, Pending};
 
 use crate::interrupt::Interrupt;
 use crate::output::{self, Overwrite, waiting};
@@ -46,7 +46,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     if !recording.whole {
         output::note(recording.cut_short(path));
     }
-    // Created at the first frame, so that an export without frames keeps an existing file.
+    // Begun at the first frame, so that an export without frames keeps an existing file.
     let mut out = None;
     let time = recording.position("t_us");
     let bar = ProgressBar::new_spinner();
@@ -70,31 +70,46 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         }
         if args.recording.contains(seconds) {
             if out.is_none() {
-                let existing = args.overwrite.existing();
-                let (header, columns) = (&recording.header, &recording.columns);
-                out = Some(Recorder::derived(&args.out, header, columns, existing)?);
+                out = Some(begin(&args.out, &recording)?);
             }
-            out.iter_mut().try_for_each(|out| out.write(&row))?;
+            if let Some((pending, frames)) = &mut out {
+                frames.write(&row).map_err(|error| pending.named(error))?;
+            }
             count += 1;
             bar.inc(1);
         }
     }
     bar.finish_and_clear();
-    if let Some(out) = out {
-        waiting(format!("writing {}", args.out.display()), || out.finish())?;
+    if let Some((pending, frames)) = out {
+        interrupt.finishing();
+        let finish = || frames.finish().map_err(|error| pending.named(error));
+        waiting(format!("writing {}", args.out.display()), finish)?;
+        pending.commit()?;
     } else if !interrupt.came() {
         let none = times.map(|(first, last)| {
             FileError::new(path, "no frame within this stretch")
                 .mend(format!("the frames read have times from {first:.3} s to {last:.3} s"))
         });
+        let damage = damage.map(|error| error.mend("no frame of it can be read: record again"));
         bail!(damage.or(none).unwrap_or_else(|| FileError::new(path, "no frame in it")));
     }
     let out = args.out.display();
     match damage {
-        Some(error) => bail!("{error}; {out} has the {count} frames that could be read"),
+        Some(error) => {
+            bail!(error.mend(format!("{out} has the {count} frames that could be read")))
+        }
         None if interrupt.came() => {
             output::line(format_args!("{out}: {count} frames; stopped early"))
         }
         None => output::line(format_args!("{out}: {count} frames")),
     }
+}
+
+/// Begins the file, which has its name only when it is whole.
+fn begin(out: &Path, recording: &Recording) -> Result<(Pending, Recorder), FileError> {
+    let pending = Pending::new(out)?;
+    let (header, columns) = (&recording.header, &recording.columns);
+    let frames = Recorder::derived(pending.path(), header, columns, Existing::Replace);
+    let frames = frames.map_err(|error| pending.named(error))?;
+    Ok((pending, frames))
 }

@@ -116,11 +116,19 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             Ok(())
         }
     });
-    if args.hold_row.is_some() {
-        // A link without an end, such as a UART's, would leave the row on. One that broke has ended.
-        let _ = steady.client().map(|client| client.hold_row(None));
-    }
+    interrupt.finishing();
     let finished = waiting(format!("writing {names}"), || files.finish());
+    // A recording started from the page ends with its tap.
+    let page = page.map(|(server, _)| server);
+    let hold_row = args.hold_row.is_some();
+    stream::leave(steady, &interrupt, move |steady| {
+        drop((page, echoes, client));
+        if hold_row {
+            // A link without an end, such as a UART's, would leave the row on. One that broke has
+            // ended.
+            let _ = steady.client().map(|client| client.hold_row(None));
+        }
+    });
     let recorded = recorded?;
     finished?;
     let summary = recorded.summary;

@@ -119,6 +119,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             on_board(Board::Stm32F411, samples, calibration, &args, header, &interrupt)?
         }
     };
+    interrupt.finishing();
     sink.frames.finish().map_err(|error| sink.pending.named(error))?;
     sink.pending.commit()?;
     output::line(format!(

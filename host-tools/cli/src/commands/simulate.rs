@@ -99,6 +99,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             bar.set_position(written);
         }
     }
+    interrupt.finishing();
     trace.finish().map_err(named)?;
     pending.commit()?;
     if let Some((path, _, rows)) = cell {

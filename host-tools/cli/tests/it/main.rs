@@ -7,6 +7,8 @@ mod browser;
 mod calibrations;
 mod cli;
 mod common;
+#[cfg(target_os = "linux")]
+mod ctrl_c;
 mod emulated_board;
 mod endurance;
 mod fingers;
@@ -23,5 +25,6 @@ mod page_attacks;
 mod page_server;
 mod pipeline;
 mod recordings;
+mod refusals;
 mod steady;
 mod virtual_finger;

@@ -72,7 +72,7 @@ impl Finger {
                     echoes.try_iter().for_each(|echo| self.stamps.echo(echo));
                     self.publish(&received)?;
                 }
-                Event::Timeout => {}
+                Event::Timeout | Event::Connecting => {}
                 Event::Connected(there) => {
                     (client, missed) = (Some(Arc::clone(&there)), false);
                     self.stamps.reconnected();
@@ -89,6 +89,8 @@ impl Finger {
                         Err(error) => return Err(error.into()),
                     }
                 }
+                // A recording or scene that fails does so each time.
+                Event::Disconnected(error) if error.problem().is_none() => return Err(error.into()),
                 Event::Disconnected(error) => {
                     client.take().iter().for_each(|client| self.count(client));
                     if !std::mem::replace(&mut missed, true) {

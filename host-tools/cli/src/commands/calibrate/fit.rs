@@ -332,6 +332,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             {
                 // The stage does not end at once: it ends with the process. The earlier ones are
                 // kept.
+                interrupt.finishing();
                 bar.finish_and_clear();
                 let best = best.lock().ok().and_then(|mut best| best.take());
                 let kept = best.ok_or_else(|| FitError::Stopped.into()).and_then(|best| {
@@ -395,6 +396,7 @@ fn fit_finger(
         }
     };
     let fitted = finger::fit_keeping(&recordings, &options, progress, &mut keep, stop.flag())?;
+    stop.finishing();
     Ok(Outcome { coverage, ..finish(args, fitted, alignments)? })
 }
 
@@ -418,6 +420,7 @@ fn fit_table(
     let mut fitted = table::fit(&recordings, &options, progress, stop.flag())?;
     fitted.model.serial = args.serial.as_str().to_owned();
     fitted.model.date = super::now();
+    stop.finishing();
     calibration::write_table(&args.out, &fitted.model)?;
     let part = Part {
         name: fitted.model.shape(),

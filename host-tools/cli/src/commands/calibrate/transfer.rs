@@ -52,6 +52,12 @@ const DOWNLOAD_EXAMPLES: &str = "\
 Example:
   taxel calibrate download --port usb:F-0042 --out F-0042.toml";
 
+/// Outcome of an upload that ends before its commit.
+const UNCHANGED: &str = "; the previous calibration stays active; upload again";
+/// Outcome of an upload that ends at its commit.
+const UNKNOWN: &str = "; the previous or the new calibration is active, complete in either case; \
+                       see which with `taxel info`";
+
 /// Runs `upload`.
 ///
 /// The file is invalid, or the finger refused the record.
@@ -59,11 +65,16 @@ pub fn upload(args: UploadArgs) -> anyhow::Result<()> {
     let calibration = calibration::read(&args.calibration)?;
     let bytes = record(&calibration)?;
     let interrupt = Interrupt::watch()?;
+    interrupt.outcome(UNCHANGED);
     let client = args.port.connect()?;
     let info = client.info()?;
     let bar = ProgressBar::new(bytes.len() as u64);
     let uploaded = client.upload_calibration(&bytes, |sent| {
         bar.set_position(sent as u64);
+        if sent == bytes.len() {
+            // The commit follows the last byte.
+            interrupt.outcome(UNKNOWN);
+        }
         if interrupt.came() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
     bar.finish_and_clear();

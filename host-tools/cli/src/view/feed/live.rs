@@ -129,7 +129,7 @@ impl Live {
                     self.context.scope.lock().trouble =
                         Some(format!("{}: no frame for {dry} s", self.steady.port()));
                 }
-                Event::Timeout => {}
+                Event::Timeout | Event::Connecting => {}
                 Event::Disconnected(error) => {
                     let counts = &mut self.now().before;
                     let link = self.context.scope.lock().link;
