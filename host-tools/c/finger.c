@@ -115,19 +115,32 @@ static void print_self_test(const struct taxel_self_test *test) {
            test->full_scale, test->record_intact < 0 ? "absent" : test->record_intact ? "intact" : "damaged");
 }
 
+/* Returns how many frames are missing before this one, which came so many seconds after the last.
+ * A gap of more frames than a finger sends in that time, at 10 kHz and held back by 10 s, is a restart. */
+static uint32_t lost_before(uint32_t *next, uint32_t seq, double since) {
+    uint32_t ahead = seq - *next;
+    int possible = (double)ahead <= 10000.0 * (since + 10);
+    /* Up to 256 frames back it is a duplicate. */
+    if (possible || 0u - ahead > 256u) *next = seq + 1;
+    return possible ? ahead : 0;
+}
+
 /* Streams frames; prints every hundredth. */
 static int stream(struct link *link, long frames) {
     uint8_t message[TAXEL_MAX_PACKET];
     struct taxel_reply reply;
     struct taxel_frame frame;
     uint32_t next = 0, lost = 0;
+    double last = now();
     if (!ask(link, TAXEL_STREAM, 1, 0, &reply)) return 0;
     for (long count = 0; count < frames;) {
         size_t size = receive(link, now() + 2, message);
         if (size == 0) return fail("the finger has gone silent");
         if (!taxel_frame_decode(message, size, &frame)) continue;
-        if (count > 0) lost += frame.seq - next;
-        next = frame.seq + 1;
+        if (count == 0) next = frame.seq;
+        double since = now() - last;
+        last += since;
+        lost += lost_before(&next, frame.seq, since);
         if (count++ % 100 != 0) continue;
         if (taxel_given(frame.force[2])) printf("%.3f s  %.3f N\n", (double)frame.time_us * 1e-6, (double)frame.force[2].value);
         else printf("%.3f s  no value: %s\n", (double)frame.time_us * 1e-6, taxel_why_text(frame.force[2].why));

@@ -3,15 +3,21 @@
 import os
 import random
 import re
+import select
 import subprocess
+import threading
 import time
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import chain, count
 from pathlib import Path
 
 import pytest
 from fingers import CALIBRATION, ROOT, serve
 
 from taxel import Bias, Channel, Fields, Info, SelfTest
-from taxel._postcard import write_varint
+from taxel._postcard import varint, write_varint
 from taxel.commands import Command, request
 from taxel.packets import Deframer, pack
 from taxel.replies import Reply, decode
@@ -24,6 +30,8 @@ IDLE = f"sim:{ROOT}/host-tools/cli/tests/scenes/idle.toml"
 STRICT = "-Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror"
 SANITISED = "-fsanitize=undefined,address -fno-sanitize-recover=all"
 SELF_TESTED = 8
+FRAME = 2
+"""First byte of a message that is a frame."""
 
 
 def run(*words: object, **options: object) -> str:
@@ -58,6 +66,52 @@ def test_serial_example_prints_newtons(command: str, build: Path):
     with serve(command, IDLE, "--calibration", str(CALIBRATION)) as port:
         said = run(build / "finger", port, 1000, 100)
     assert " 0.000 N\n" in said and "record intact" in said
+
+
+@contextmanager
+def renumbered(port: str, seqs: Iterator[int]) -> Iterator[str]:
+    """Passes a finger on to a serial port, its frames with these numbers; yields the port's name."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    link, deframer = connect(port), Deframer()
+    ended = threading.Event()
+
+    def ask() -> None:
+        while not ended.is_set():
+            if select.select([master], [], [], 0.05)[0]:
+                link.write(os.read(master, 512))
+
+    def answer() -> None:
+        while not ended.is_set():
+            for message in deframer.push(link.read()):
+                if message[0] == FRAME:
+                    _, after = varint(message, 1)
+                    message = bytes([FRAME]) + write_varint(next(seqs)) + message[after:]
+                os.write(master, pack(message))
+
+    threads = [threading.Thread(target=work) for work in (ask, answer)]
+    for thread in threads:
+        thread.start()
+    try:
+        yield os.ttyname(slave)
+    finally:
+        ended.set()
+        for thread in threads:
+            thread.join()
+        link.close()
+        os.close(slave)
+        os.close(master)
+
+
+def test_serial_example_counts_lost_frames_and_follows_a_restart(command: str, build: Path):
+    # 0 lost over the wrap, 3 lost, a duplicate, a restart, 1 lost.
+    jumps = [2**32 - 2, 2**32 - 1, 0, 1, 5, 5, 2_147_483_600, 2_147_483_602]
+    with (
+        serve(command, IDLE, "--tcp", "127.0.0.1:0") as port,
+        renumbered(port, chain(jumps, count(2_147_483_603))) as serial,
+    ):
+        said = run(build / "finger", serial, 500, 100).splitlines()
+    assert said[-1] == "100 frames, 4 lost"
 
 
 @pytest.mark.parametrize(

@@ -64,6 +64,32 @@ def test_lost_frames_are_counted_and_said_once():
     assert stream.counts(0).lost == 2
 
 
+@pytest.mark.parametrize(
+    ("seqs", "lost"),
+    [
+        ((7, 8, 11, 12, 14), 3),
+        ((2**32 - 2, 2**32 - 1, 0, 1), 0),
+        ((2**32 - 2, 2), 3),
+        # Duplicates and late frames.
+        ((5, 5, 6, 4, 7), 0),
+        ((0, 2**32 - 1, 1), 0),
+        # A finger that has restarted, forwards and back.
+        ((7, 2_147_483_600, 2_147_483_602), 1),
+        ((100_000, 0, 1, 3), 1),
+        ((7, 110_000, 110_002), 1),
+    ],
+)
+def test_impossible_jump_is_a_restart_and_counts_no_loss(seqs: tuple[int, ...], lost: int):
+    assert streaming(*seqs).counts(0).lost == lost
+
+
+def test_long_silence_explains_a_long_gap():
+    stream = streaming()
+    stream.push(frame(7), 100.0)
+    stream.push(frame(3_600_008), 3700.0)
+    assert stream.counts(0).lost == 3_600_000
+
+
 def test_slow_program_is_told_that_it_is_behind():
     stream = streaming(*range(1500))
     with pytest.warns(StreamWarning, match=r"1\.5 s behind the finger, 1499 frames wait"):

@@ -19,6 +19,15 @@ QUEUE = 8192
 BEHIND_S = 1.0
 """Seconds of device time that a program may be behind before it is warned."""
 
+DUPLICATES = 256
+"""Most frames by which a number may step back as a duplicate; further back, the finger has restarted."""
+
+FASTEST_HZ = 10_000.0
+"""Most frames a second of any finger."""
+
+HELD_BACK_S = 10.0
+"""Seconds for which a link may hold frames back."""
+
 
 Listener = Callable[[Frame, float, HostTime | None], None]
 """Takes a frame, its :func:`time.monotonic` of reception, and its host time."""
@@ -91,10 +100,7 @@ class Stream:
         if not self.started:
             return
         self._received += 1
-        ahead = 0 if self._next is None else (frame.seq - self._next) & 0xFFFF_FFFF
-        # A step of more than half the range is a step back: the finger has restarted.
-        self._lost += ahead if ahead < 1 << 31 else 0
-        self._next = (frame.seq + 1) & 0xFFFF_FFFF
+        self._lost += self._missing(frame.seq, at)
         self.clock.frame(frame.time_us, at)
         if len(self._frames) == QUEUE:
             self._frames.popleft()
@@ -105,6 +111,18 @@ class Stream:
             host = self.clock.host(frame.time_us)
             for listener in self.listeners:
                 listener(frame, at, host)
+
+    def _missing(self, seq: int, at: float) -> int:
+        """Returns how many frames are missing between the last one and this.
+
+        A gap of more frames than a finger sends in that time is a restart.
+        """
+        ahead = 0 if self._next is None else (seq - self._next) & 0xFFFF_FFFF
+        since = at - self._newest[1] if self._newest else 0.0
+        possible = ahead <= FASTEST_HZ * (since + HELD_BACK_S)
+        if possible or (1 << 32) - ahead > DUPLICATES:
+            self._next = (seq + 1) & 0xFFFF_FFFF
+        return ahead if possible else 0
 
     def wake(self) -> None:
         """Wakes who waits for frames or the end."""
