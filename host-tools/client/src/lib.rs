@@ -22,7 +22,7 @@ pub use client::{Client, Counts, Received};
 pub use clock::{DeviceClock, HostTime};
 pub use echoes::RoundTrips;
 pub use error::{ActiveCalibration, LinkError, Problem};
-pub use link::{Device, Link};
+pub use link::{Device, Link, keep_alive};
 pub use port::Port;
 pub use stamps::Timestamps;
 pub use steady::{Event, ReconnectingClient};

@@ -19,6 +19,12 @@ const WRITE_PATIENCE: Duration = Duration::from_secs(1);
 /// Time limit of a TCP connection.
 const CONNECT_PATIENCE: Duration = Duration::from_secs(2);
 
+/// Silence of a TCP peer before the first probe, interval of the probes, and probes without an answer
+/// after which the link counts as broken: 25 s in all.
+const KEEP_ALIVE_AFTER: Duration = Duration::from_secs(10);
+const KEEP_ALIVE_EVERY: Duration = Duration::from_secs(5);
+const KEEP_ALIVE_RETRIES: u32 = 3;
+
 /// Open port: bytes in both directions.
 pub struct Link {
     pub(crate) reader: Box<dyn Read + Send>,
@@ -117,8 +123,24 @@ fn tcp(address: (&str, u16)) -> Result<Link, Problem> {
     Err(problem)
 }
 
+/// Lets TCP notice after 25 s that a silent peer is gone: a machine without power or network.
+///
+/// # Errors
+/// The operating system does not allow it.
+pub fn keep_alive<'s, S>(stream: &'s S) -> io::Result<()>
+where
+    socket2::SockRef<'s>: From<&'s S>,
+{
+    let probes = socket2::TcpKeepalive::new()
+        .with_time(KEEP_ALIVE_AFTER)
+        .with_interval(KEEP_ALIVE_EVERY)
+        .with_retries(KEEP_ALIVE_RETRIES);
+    socket2::SockRef::from(stream).set_tcp_keepalive(&probes)
+}
+
 fn split(stream: TcpStream) -> io::Result<Link> {
     stream.set_nodelay(true)?;
+    keep_alive(&stream)?;
     stream.set_read_timeout(Some(POLL))?;
     stream.set_write_timeout(Some(WRITE_PATIENCE))?;
     let writer = stream.try_clone()?;
@@ -128,6 +150,19 @@ fn split(stream: TcpStream) -> io::Result<Link> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn tcp_link_probes_a_silent_peer() {
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let stream = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        let same = stream.try_clone().unwrap();
+        let _link = split(stream).unwrap();
+        let probes = socket2::SockRef::from(&same);
+        assert!(probes.keepalive().unwrap());
+        assert_eq!(probes.tcp_keepalive_time().unwrap(), Duration::from_secs(10));
+        assert_eq!(probes.tcp_keepalive_interval().unwrap(), Duration::from_secs(5));
+        assert_eq!(probes.tcp_keepalive_retries().unwrap(), 3);
+    }
 
     /// The error is constructed, because the tests' user may have access to every device.
     #[test]

@@ -86,8 +86,7 @@ impl Host {
     /// Reads the first packet; `None` unless it asks for the version.
     async fn first_packet(mut stream: TcpStream) -> Option<Self> {
         stream.set_nodelay(true).ok()?;
-        let keepalive = socket2::TcpKeepalive::new().with_time(Duration::from_secs(10));
-        socket2::SockRef::from(&stream).set_tcp_keepalive(&keepalive).ok()?;
+        taxel_client::keep_alive(&stream).ok()?;
         let mut deframer = Deframer::<MAX_PACKET>::default();
         let mut request = Vec::new();
         while request.len() <= MAX_PACKET {
@@ -109,5 +108,29 @@ impl Host {
             let _ = self.stream.write_all(packet).await;
             let _ = self.stream.shutdown().await;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn served_host_is_probed_when_silent() {
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        let _client = std::net::TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        let (host, _) = listener.accept().unwrap();
+        let same = host.try_clone().unwrap();
+        host.set_nonblocking(true).unwrap();
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        runtime.block_on(async {
+            let host = Host::first_packet(TcpStream::from_std(host).unwrap());
+            assert!(timeout(Duration::from_millis(50), host).await.is_err(), "it says nothing");
+        });
+        let probes = socket2::SockRef::from(&same);
+        assert!(probes.keepalive().unwrap());
+        assert_eq!(probes.tcp_keepalive_time().unwrap(), Duration::from_secs(10));
+        assert_eq!(probes.tcp_keepalive_interval().unwrap(), Duration::from_secs(5));
+        assert_eq!(probes.tcp_keepalive_retries().unwrap(), 3);
     }
 }

@@ -4,7 +4,7 @@ use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 
 use taxel::wire::deframer::Deframer;
-use taxel::wire::message::{Message, PROTOCOL, Request};
+use taxel::wire::message::{Message, PROTOCOL, Refusal, Request, Response};
 use taxel::wire::{MAX_PACKET, pack};
 use taxel_client::{Client, LinkError, Port, Problem};
 
@@ -94,4 +94,43 @@ fn open_errors_name_their_cause() {
         error.to_string().starts_with("file:press.csv: played by the `taxel` command"),
         "{error}"
     );
+}
+
+#[test]
+fn programs_begin_with_different_tags() {
+    let first = || {
+        let (told, tags) = std::sync::mpsc::channel();
+        let port = server(move |mut host| {
+            let tag = tag(&mut host);
+            told.send(tag).unwrap();
+            let answer = Message::Version { tag, protocol: PROTOCOL, firmware: [0, 1, 0] };
+            let _ = host.write_all(&packed(&answer));
+        });
+        drop(Client::open(&port).unwrap());
+        tags.recv().unwrap()
+    };
+    // Equal by chance once in 256^9 runs.
+    let tags: Vec<u8> = (0..10).map(|_| first()).collect();
+    assert!(tags.iter().any(|tag| *tag != tags[0]), "{tags:?}");
+}
+
+#[test]
+fn late_reply_to_an_earlier_program_is_dropped() {
+    let port = server(|mut host| {
+        let tag = tag(&mut host);
+        let late = |tag| packed(&Message::Reply { tag, result: Err(Refusal::NotStill) });
+        // An earlier program had any other tag, and asked for a bias.
+        for other in (0..=u8::MAX).filter(|other| *other != tag) {
+            host.write_all(&late(other)).unwrap();
+        }
+        let answer = Message::Version { tag, protocol: PROTOCOL, firmware: [0, 1, 0] };
+        host.write_all(&packed(&answer)).unwrap();
+        let tag = self::tag(&mut host);
+        host.write_all(&late(tag.wrapping_sub(1))).unwrap();
+        host.write_all(&packed(&Message::Reply { tag, result: Ok(Response::Done) })).unwrap();
+        let _ = host.read_to_end(&mut Vec::new());
+    });
+    let client = Client::open(&port).unwrap();
+    assert_eq!(client.version().firmware, [0, 1, 0]);
+    client.clear_bias().unwrap();
 }
