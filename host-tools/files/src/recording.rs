@@ -232,7 +232,12 @@ impl Recording {
         if !self.columns.iter().any(|column| is_code(&column.name)) {
             return remarks;
         }
-        if header.biased() && header.bias().is_none() {
+        if let Some(part) = header.bad_bias() {
+            remarks.push(format!(
+                "{path}: `{part}` of its header is damaged: expected the noise and the levels of a bias; forces \
+                 are computed with the calibration's; record again"
+            ));
+        } else if header.biased() && header.bias().is_none() {
             remarks.push(format!(
                 "{path}: the finger had a bias taken on command, which is not in this recording: forces are \
                  computed with the calibration's; record again"

@@ -93,20 +93,42 @@ impl Header {
         self.fact(BIASED) == "true"
     }
 
-    /// Returns the bias taken on command, if the recording holds it.
+    /// Returns the bias taken on command, if the recording holds it whole.
     #[must_use]
     pub fn bias(&self) -> Option<Bias> {
+        self.recorded_bias().ok().flatten()
+    }
+
+    /// Returns the name of the fact that should be a part of the bias and is none.
+    #[must_use]
+    pub fn bad_bias(&self) -> Option<String> {
+        self.recorded_bias().err()
+    }
+
+    /// Returns the bias; an error names the part that is none.
+    fn recorded_bias(&self) -> Result<Option<Bias>, String> {
+        let none = Bias { taxels: None, bridges: [None; SENSORS] };
         if !self.biased() {
-            return None;
+            return Ok(None);
         }
-        let matrix = self.levels::<TAXELS>(BIAS_MATRIX);
-        let taxels = matrix.map(|(noise, level)| TaxelBias { level, noise });
-        let bridges = std::array::from_fn::<_, SENSORS, _>(|i| {
-            let (noise, level) = self.levels(&bias_of_sensor(i))?;
-            Some(BridgeBias { level, noise })
-        });
-        let known = taxels.is_some() || bridges.iter().any(Option::is_some);
-        known.then_some(Bias { taxels, bridges }).filter(bias_fits)
+        let mut bias = none;
+        if let Some((noise, level)) = self.levels::<TAXELS>(BIAS_MATRIX)? {
+            bias.taxels = Some(TaxelBias { level, noise });
+            if !bias_fits(&Bias { taxels: bias.taxels, ..none }) {
+                return Err(BIAS_MATRIX.to_owned());
+            }
+        }
+        for (i, bridge) in bias.bridges.iter_mut().enumerate() {
+            let name = bias_of_sensor(i);
+            let Some((noise, level)) = self.levels(&name)? else { continue };
+            *bridge = Some(BridgeBias { level, noise });
+            let mut alone = none;
+            alone.bridges[i] = *bridge;
+            if !bias_fits(&alone) {
+                return Err(name);
+            }
+        }
+        Ok((bias != none).then_some(bias))
     }
 
     /// Returns the core with the recording's settings, to compute it again.
@@ -123,14 +145,14 @@ impl Header {
         (finger, state)
     }
 
-    fn levels<const N: usize>(&self, name: &str) -> Option<(f32, [f32; N])> {
-        let numbers = self
-            .facts
-            .get(name)?
-            .split(' ')
-            .map(|text| text.parse().ok().filter(|value: &f32| value.is_finite()));
-        let numbers: Vec<f32> = numbers.collect::<Option<_>>()?;
-        let (noise, levels) = numbers.split_first()?;
-        Some((*noise, levels.try_into().ok()?))
+    /// Returns noise and levels of a part of the bias, if it is there; an error names a part that is
+    /// not so many finite numbers.
+    fn levels<const N: usize>(&self, name: &str) -> Result<Option<(f32, [f32; N])>, String> {
+        let Some(text) = self.facts.get(name) else { return Ok(None) };
+        let finite = |text: &str| text.parse().ok().filter(|value: &f32| value.is_finite());
+        let numbers: Option<Vec<f32>> = text.split(' ').map(finite).collect();
+        let parts = numbers.as_deref().and_then(|numbers| numbers.split_first());
+        let parts = parts.and_then(|(noise, levels)| Some((*noise, levels.try_into().ok()?)));
+        parts.map(Some).ok_or_else(|| name.to_owned())
     }
 }

@@ -5,7 +5,8 @@ use std::io::{Cursor, Read};
 use mcap::McapError;
 use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use ruzstd::decoding::FrameDecoder;
+use ruzstd::decoding::StreamingDecoder;
+use ruzstd::decoding::errors::{FrameDecoderError, ReadFrameHeaderError};
 
 use super::container::number;
 
@@ -63,19 +64,36 @@ impl Chunk {
         if header.compression != "zstd" {
             return Ok(None);
         }
-        let wrong = McapError::DecompressionError;
-        let mut content = usize::try_from(header.uncompressed_size)
-            .ok()
-            .filter(|size| *size <= LONGEST)
-            .map(|size| vec![0; size])
-            .ok_or_else(|| wrong(format!("{} bytes in a chunk", header.uncompressed_size)))?;
-        let decoded = FrameDecoder::new().decode_all(&data, &mut content);
-        let decoded = decoded.map_err(|error| wrong(error.to_string()))?;
-        content.truncate(decoded);
+        let content = unpacked(&data).map_err(McapError::DecompressionError)?;
         // Times, size and CRC stay; the compression has no name.
-        let (same, name, length) = (&self.0[..NAME_AT - 4], [0; 4], decoded as u64);
+        let (same, name, length) = (&self.0[..NAME_AT - 4], [0; 4], content.len() as u64);
         Ok(Some([same, &name, &length.to_le_bytes(), &content].concat()))
     }
+}
+
+/// Decompresses the frames of zstd in `data`.
+///
+/// The result grows as it is decoded: the size that a chunk states may be damaged.
+fn unpacked(mut data: &[u8]) -> Result<Vec<u8>, String> {
+    use FrameDecoderError::ReadFrameHeaderError as InHeader;
+    let mut content = Vec::new();
+    while !data.is_empty() {
+        let mut decoder = match StreamingDecoder::new(&mut data) {
+            Ok(decoder) => decoder,
+            Err(InHeader(ReadFrameHeaderError::SkipFrame { length, .. })) => {
+                data = data.get(length as usize..).unwrap_or_default();
+                continue;
+            }
+            Err(error) => return Err(error.to_string()),
+        };
+        let room = (LONGEST + 1).saturating_sub(content.len()) as u64;
+        let read = decoder.by_ref().take(room).read_to_end(&mut content);
+        read.map_err(|error| error.to_string())?;
+        if content.len() > LONGEST {
+            return Err(format!("more than {LONGEST} bytes in a chunk"));
+        }
+    }
+    Ok(content)
 }
 
 /// Returns where the content's length stands, behind the compression's name.
@@ -115,5 +133,52 @@ impl Iterator for Records {
 
     fn next(&mut self) -> Option<Self::Item> {
         self.first.take().map(Ok).or_else(|| self.read())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn packed(content: &[u8]) -> Vec<u8> {
+        ruzstd::encoding::compress_to_vec(content, ruzstd::encoding::CompressionLevel::Fastest)
+    }
+
+    /// Chunk of zstd that states this size of its content.
+    fn chunk(stated: u64, data: &[u8]) -> Chunk {
+        let mut chunk = vec![0; 16];
+        chunk.extend(stated.to_le_bytes());
+        // No CRC.
+        chunk.extend([0; 4]);
+        chunk.extend(4u32.to_le_bytes());
+        chunk.extend(b"zstd");
+        chunk.extend((data.len() as u64).to_le_bytes());
+        chunk.extend(data);
+        Chunk(chunk)
+    }
+
+    #[test]
+    fn memory_follows_content_not_stated_size() {
+        let chunk = chunk(LONGEST as u64, &packed(b"few bytes"));
+        let unpacked = chunk.without_zstd().unwrap().unwrap();
+        assert!(unpacked.ends_with(b"few bytes"));
+        let content = super::unpacked(&packed(b"few bytes")).unwrap();
+        assert!(content.capacity() < 1 << 10, "{}", content.capacity());
+    }
+
+    #[test]
+    fn content_beyond_the_longest_is_refused() {
+        let bomb = packed(&vec![0; LONGEST + 1]);
+        let error = unpacked(&bomb).unwrap_err();
+        assert_eq!(error, format!("more than {LONGEST} bytes in a chunk"));
+        assert_eq!(unpacked(&packed(&vec![0; 1 << 20])).unwrap().len(), 1 << 20);
+    }
+
+    #[test]
+    fn frames_in_a_row_are_one_content() {
+        let skipped = [b"\x50\x2a\x4d\x18\x03\x00\x00\x00abc".as_slice()].concat();
+        let frames = [packed(b"one "), skipped, packed(b"two")].concat();
+        assert_eq!(unpacked(&frames).unwrap(), b"one two");
+        assert!(unpacked(&frames[..frames.len() - 2]).is_err());
     }
 }

@@ -41,6 +41,8 @@ pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {
         rows.about.complete(path).map_err(failed)?;
     }
     let Some((_, columns)) = rows.about.channel.clone() else {
+        // Without the columns no row can be read.
+        let damage = damage.map(|error| error.mend("no frame of it can be read: record again"));
         return Err(damage.unwrap_or_else(|| {
             FileError::new(path, "holds no channel of taxel frames")
                 .mend("`taxel record` and `taxel export` write one")
