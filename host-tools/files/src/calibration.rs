@@ -68,10 +68,10 @@ pub fn kind(path: impl AsRef<Path>) -> Result<Kind, FileError> {
     Ok(head(path, &text(path)?)?.kind)
 }
 
-/// Reads a finger's calibration and checks its CRC and every field.
+/// Reads a finger's calibration, checks its CRC and every field, and rehearses it as a finger does.
 ///
 /// # Errors
-/// The file is damaged or invalid; the error names the line.
+/// The file is damaged or invalid, and the error names the line; or a finger would refuse it.
 pub fn read(path: impl AsRef<Path>) -> Result<Calibration, FileError> {
     let path = path.as_ref();
     parse(path, &text(path)?)
@@ -97,6 +97,9 @@ pub fn parse(path: &Path, text: &str) -> Result<Calibration, FileError> {
         error.mend("fit the calibration again")
     })?;
     check_crc(path, text, &head, crc)?;
+    calibration
+        .rehearse()
+        .map_err(|error| FileError::new(path, format!("a finger refuses it: {error}")))?;
     Ok(calibration)
 }
 
@@ -112,10 +115,10 @@ pub fn write(path: impl AsRef<Path>, calibration: &Calibration) -> Result<(), Fi
 /// Formats a finger's calibration as [`write`] does; `path` is only for messages.
 ///
 /// # Errors
-/// The record is not valid.
+/// The record is not valid, or a finger would refuse it.
 pub fn to_text(path: &Path, calibration: &Calibration) -> Result<String, FileError> {
-    let crc = record_crc(calibration)
-        .map_err(|error| FileError::new(path, format!("not written: {error}")))?;
+    let crc = calibration.rehearse().and_then(|()| record_crc(calibration));
+    let crc = crc.map_err(|error| FileError::new(path, format!("not written: {error}")))?;
     text_of(path, Kind::Finger, crc, &FingerFile::new(calibration))
 }
 

@@ -19,15 +19,16 @@ use taxel_files::calibration::{self, Kind};
 
 fn record(weights: &[f32]) -> Calibration {
     let weight = |i: usize| weights[i % weights.len()];
+    // Two units each that cancel without a contact, where a net must give no force.
     let unit = |j: usize| Unit {
         weights: std::array::from_fn(|i| weight(16 * j + i)),
-        bias: weight(j),
-        output: std::array::from_fn(|k| weight(12 * k + j)),
+        bias: weight(j / 2),
+        output: std::array::from_fn(|k| [1.0, -1.0][j % 2] * weight(12 * k + j / 2)),
     };
     let force = ForceNet {
         units: (0..12).map(unit).collect(),
         skip: Some(std::array::from_fn(|k| std::array::from_fn(|i| weight(16 * k + i)))),
-        output_bias: (0..3).map(weight).collect(),
+        output_bias: (0..3).map(|k| weight(k).clamp(-0.5, 0.5)).collect(),
     };
     let sensor = SensorCalibration {
         bias: BridgeBias { level: [0.01, -0.02, 0.003], noise: 1.25e-4 },
