@@ -68,10 +68,24 @@ pub fn connect(port: &Port, calibration: Option<&Calibration>) -> Result<Client,
     Client::over(port, open(port, calibration)?)
 }
 
-/// Creates a client of any port that reconnects after the finger was unplugged.
-#[must_use]
-pub fn steady(port: Port, calibration: Option<Calibration>) -> ReconnectingClient {
-    ReconnectingClient::opened_by(port, move |port| open(port, calibration.as_ref()))
+/// Creates a client of any port that reconnects after the finger was unplugged. A virtual finger
+/// starts with the file of a calibration, else with its scene's own.
+///
+/// The calibration cannot be read, or there is no such scene or file, for which nobody could wait.
+pub fn steady(port: Port, calibration: Option<&Path>) -> Result<ReconnectingClient, FileError> {
+    let scene = match &port {
+        Port::Sim(scene) => {
+            Scene::load(scene)?;
+            scene.as_str()
+        }
+        Port::File(path) => {
+            path.metadata().map_err(|error| FileError::io(path, &error))?;
+            ""
+        }
+        _ => "",
+    };
+    let calibration = scene_calibration(calibration, scene)?;
+    Ok(ReconnectingClient::opened_by(port, move |port| open(port, calibration.as_ref())))
 }
 
 /// Returns the initial calibration of a scene's finger. It is the named file, else the built-in

@@ -19,9 +19,10 @@ pub mod virtual_finger;
 pub use files::Files;
 pub use virtual_finger::VirtualFinger;
 
+use std::ffi::OsString;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Error, FromArgMatches, Parser, Subcommand};
 
 /// Newtons and millimetres from an optical tactile fingertip.
 #[derive(Parser)]
@@ -67,9 +68,25 @@ enum Command {
     Other(Vec<String>),
 }
 
+/// Parses a command line.
+fn parse(words: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> Result<Cli, Error> {
+    let mut parser = with_negative_numbers(Cli::command());
+    let mut matches = parser.try_get_matches_from_mut(words)?;
+    Cli::from_arg_matches_mut(&mut matches).map_err(|error| error.format(&mut parser))
+}
+
+/// Lets options take negative numbers, so that their own range refuses `--rate -5`.
+fn with_negative_numbers(command: clap::Command) -> clap::Command {
+    let takes = |argument: clap::Arg| {
+        let value = argument.get_action().takes_values();
+        argument.allow_negative_numbers(value)
+    };
+    command.mut_args(takes).mut_subcommands(with_negative_numbers)
+}
+
 /// Runs the command line of this process.
 pub fn main() -> ExitCode {
-    let cli = match Cli::try_parse() {
+    let cli = match parse(std::env::args_os()) {
         Ok(cli) => cli,
         Err(error) => return failure::usage(&error),
     };
@@ -109,7 +126,6 @@ pub fn main() -> ExitCode {
 
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory;
     use taxel_sim::scene::built_in;
 
     use super::*;
@@ -174,7 +190,7 @@ mod tests {
             // Up to the shell's own syntax or a second column.
             let words = command.split(['\\', ';', '|', '>', '&', '#']).next().unwrap();
             let words = words.split("   ").next().unwrap();
-            let parsed = Cli::try_parse_from(words.split_whitespace());
+            let parsed = parse(words.split_whitespace());
             let understood = parsed.err().is_none_or(|error| !error.use_stderr());
             assert!(understood, "`{command}`");
         }
@@ -192,7 +208,7 @@ mod tests {
                 let words =
                     line.split([';', '|', '>', '&', '#']).next().unwrap().split_whitespace();
                 let words: Vec<_> = words.collect();
-                assert!(Cli::try_parse_from(&words).is_ok(), "{line}");
+                assert!(parse(&words).is_ok(), "{line}");
                 let scenes =
                     words.windows(2).filter(|pair| pair[0] == "--scene").map(|pair| pair[1]);
                 let ports = words.iter().filter_map(|word| word.strip_prefix("sim:"));
@@ -200,6 +216,21 @@ mod tests {
                     assert!(built_in().any(|(name, _)| name == scene), "{line}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn negative_number_is_refused_by_its_range() {
+        for (words, range) in [
+            ("set --rate -5", "0..=65535"),
+            ("record --out a.csv --rate -1", "0..=65535"),
+            ("bias take --scans -3", "2..=65535"),
+            ("self-test --scans -1", "2..=4096"),
+            ("calibrate fit --data a.csv --out a.toml --hidden -2", "1..=32"),
+        ] {
+            let error = parse(["taxel"].into_iter().chain(words.split(' '))).err().unwrap();
+            let line = error.to_string();
+            assert!(line.contains(&format!("is not in {range}")), "{words}: {line}");
         }
     }
 }

@@ -20,7 +20,7 @@ mod truth;
 
 use std::error::Error;
 use std::io;
-use std::net::ToSocketAddrs;
+use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -103,13 +103,18 @@ impl VirtualFinger {
         source: Source,
         calibration: Option<&Calibration>,
     ) -> Result<Self, LinkError> {
-        let nowhere = Port::Tcp { host: "virtual finger".to_owned(), port: 0 };
-        let listener = tcp::listen(address)
-            .map_err(|error| Problem::Open(one_line(&error.to_string())).at(&nowhere))?;
-        let port = match listener.local_addr() {
-            Ok(address) => Port::Tcp { host: address.ip().to_string(), port: address.port() },
-            Err(error) => return Err(Problem::Open(one_line(&error.to_string())).at(&nowhere)),
+        let addresses: Vec<_> = address.to_socket_addrs().into_iter().flatten().collect();
+        let named = |address: &SocketAddr| Port::Tcp {
+            host: address.ip().to_string(),
+            port: address.port(),
         };
+        let failed = |error: io::Error| {
+            let port =
+                addresses.first().map_or_else(|| Port::Tcp { host: String::new(), port: 0 }, named);
+            Problem::Served(one_line(&error.to_string())).at(&port)
+        };
+        let listener = tcp::listen(addresses.as_slice()).map_err(failed)?;
+        let port = named(&listener.local_addr().map_err(failed)?);
         Self::start(port, source, calibration, async move |board, instrument| {
             tcp::serve(listener, board, instrument).await
         })
@@ -224,6 +229,7 @@ impl Drop for VirtualFinger {
 fn record(calibration: &Calibration) -> Result<Vec<u8>, Problem> {
     let mut buffer = [0; MAX_BYTES];
     let record = calibration.to_bytes(&mut buffer).map_err(refused)?;
+    calibration.rehearse().map_err(refused)?;
     Ok(record.to_vec())
 }
 
@@ -234,8 +240,8 @@ fn refused(error: taxel::calibration::CalibrationError) -> Problem {
 fn instrument(board: &mut PacedBoard, record: Option<&[u8]>) -> Instrument {
     let mut instrument = Instrument::new(board.identity());
     if let Some(record) = record {
-        // `record` above validated the record; if installing fails, frames are flagged as
-        // uncalibrated.
+        // It cannot fail: `record` has checked and rehearsed the record, and a flash in memory
+        // always writes.
         let _ = instrument.install(record, board.store());
     }
     // A record ends with its CRC. Without a record the bias belongs to CRC 0.

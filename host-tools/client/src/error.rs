@@ -79,6 +79,11 @@ pub enum Problem {
     /// Any other failure to open the port.
     #[error("cannot be opened: {0}; is it the right port?")]
     Open(String),
+    /// The address of a virtual finger cannot be used.
+    #[error(
+        "cannot be served: {0}; choose another address with --tcp, as in 127.0.0.1:0 for any free port"
+    )]
+    Served(String),
     /// The finger does not answer.
     #[error(
         "no answer within 2 s; is it a taxel finger, powered and running? It may also be in its \

@@ -55,7 +55,11 @@ def test_recording_tells_reasons_finger_and_calibration(folder: Path):
         ("c.csv", b"t_us,fx_n\n1,much\n", "column fx_n: .*'much'"),
         ("d.csv", b"a,b\n1,2\n", "column t_us is missing"),
         ("e.parquet", b"nothing", "e.parquet: "),
-        ("f.mcap", b"nothing at all, and no MCAP", "damaged or cut off"),
+        (
+            "f.mcap",
+            b"nothing at all, and no MCAP",
+            "damaged or cut off .*; no frame of it can be read: record again",
+        ),
     ],
 )
 def test_unreadable_file_is_an_error_in_one_line(tmp_path: Path, name: str, content: bytes | None, says: str):
@@ -71,6 +75,13 @@ def test_cut_recording_names_the_command_that_saves_it(folder: Path, tmp_path: P
     (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(RecordingError, match="`taxel export cut.mcap --out saved.mcap`"):
         taxel.read(tmp_path / "cut.mcap")
+
+
+def test_recording_cut_before_its_first_frame_is_not_sent_to_export(folder: Path, tmp_path: Path):
+    (tmp_path / "cut.mcap").write_bytes((folder / "a.mcap").read_bytes()[:200])
+    with pytest.raises(RecordingError, match="no frame of it can be read: record again") as error:
+        taxel.read(tmp_path / "cut.mcap")
+    assert "export" not in str(error.value)
 
 
 def test_unknown_column_is_an_error_that_lists_the_fields(folder: Path):

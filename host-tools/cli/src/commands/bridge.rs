@@ -26,7 +26,7 @@ use taxel::frame::Fields;
 use taxel::frame::schema::FIELD_NAMES;
 use taxel_client::{Port, ReconnectingClient, fields};
 
-use crate::finger::{address, closed, scene_calibration, steady};
+use crate::finger::{address, closed, steady};
 use crate::interrupt::Interrupt;
 use crate::{output, stream};
 use finger::{Finger, Outlet, Report};
@@ -122,11 +122,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         Some(domain) => domain,
         None => ros_domain()?,
     };
-    let steadies = args.port.into_iter().map(|port| {
-        let scene = if let Port::Sim(scene) = &port { scene.as_str() } else { "" };
-        let calibration = scene_calibration(args.calibration.as_deref(), scene)?;
-        Ok(Arc::new(steady(port, calibration)))
-    });
+    let steadies =
+        args.port.into_iter().map(|port| Ok(Arc::new(steady(port, args.calibration.as_deref())?)));
     let steadies = steadies.collect::<anyhow::Result<Vec<_>>>()?;
     let zenoh = args
         .zenoh

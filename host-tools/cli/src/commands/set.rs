@@ -1,16 +1,17 @@
 //! `taxel set`: rate, filter, fields, contact point method and scan settings.
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::Fields;
 use taxel::frame::schema::FIELD_NAMES;
 use taxel::scan::ScanSettings;
-use taxel_client::fields;
+use taxel_client::{Client, LinkError, fields};
 
 use crate::finger::PortArg;
 use crate::output;
 
-/// Changes the finger's settings, until it loses power or permanently with --save.
+/// Changes the finger's settings, until it loses power or permanently with --save. If it refuses one,
+/// all stay as they were.
 #[derive(clap::Args)]
 #[command(group(clap::ArgGroup::new("settings").required(true).multiple(true)))]
 #[command(after_help = EXAMPLES)]
@@ -69,14 +70,79 @@ fn settle(text: &str) -> Result<u32, String> {
     }
 }
 
+/// Settings of a finger that this command changes.
+#[derive(Clone, Copy)]
+struct Settings {
+    millihertz: u32,
+    filter_hz: u16,
+    fields: Fields,
+    method: PointMethod,
+    /// Scan settings, where the board reports them.
+    scan: Option<ScanSettings>,
+    /// Whether a bias taken on command is active, which another scan clears.
+    biased: bool,
+}
+
+impl Settings {
+    fn of(client: &Client) -> Result<Self, LinkError> {
+        let (info, scan) = (client.info()?, client.health()?.scan);
+        Ok(Self {
+            millihertz: info.rate_millihertz,
+            filter_hz: info.filter_hz,
+            fields: info.fields,
+            method: info.point_method,
+            scan,
+            biased: info.biased,
+        })
+    }
+
+    /// Sets the finger back to these settings. Returns whether its bias is lost.
+    fn restore(self, client: &Client) -> Result<bool, LinkError> {
+        let now = Self::of(client)?;
+        if let Some(scan) = self.scan.filter(|_| now.scan != self.scan) {
+            client.set_scan(scan)?;
+        }
+        let hertz = self.millihertz.div_ceil(1000).clamp(1, u16::MAX.into());
+        client.set_rate(hertz as u16)?;
+        client.set_filter(self.filter_hz)?;
+        client.set_fields(self.fields)?;
+        client.set_point_method(self.method)?;
+        Ok(self.biased && !client.info()?.biased)
+    }
+}
+
 /// Runs the command.
 ///
 /// # Errors
-/// The finger cannot be reached or refuses.
+/// The finger cannot be reached or refuses; it then has the settings from before.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let client = args.port.connect()?;
+    let before = Settings::of(&client)?;
+    let lines = match change(&args, &client, before.scan) {
+        Ok(lines) => lines,
+        Err(error) => bail!("{error}; {}", restored(before.restore(&client))),
+    };
+    lines.iter().try_for_each(output::line)?;
+    if args.save {
+        client.save_settings()?;
+        output::line("saved")?;
+    }
+    Ok(())
+}
+
+/// States which settings the finger has after one was refused.
+fn restored(restored: Result<bool, LinkError>) -> &'static str {
+    match restored {
+        Ok(false) => "all settings are as before",
+        Ok(true) => "all settings are as before, but the bias is lost; take it again",
+        Err(_) => "some settings may have changed; see which with `taxel info`",
+    }
+}
+
+/// Changes all settings that were asked for. Returns a line on each.
+fn change(args: &Args, client: &Client, now: Option<ScanSettings>) -> anyhow::Result<Vec<String>> {
+    let mut lines = Vec::new();
     if args.scan.is_some() || args.oversampling.is_some() || args.settle.is_some() {
-        let now = client.health()?.scan;
         let now = now.context(
             "this board cannot scan in another way; leave out --scan, --oversampling and --settle",
         )?;
@@ -86,26 +152,26 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             settle_ns: args.settle.unwrap_or(now.settle_ns),
         };
         client.set_scan(wish)?;
-        output::line(format_args!(
+        lines.push(format!(
             "scan {} Hz, {} samples a reading, {} µs to settle",
             wish.scan_hz,
             wish.oversampling,
             f64::from(wish.settle_ns) / 1000.0
-        ))?;
+        ));
     }
     if let Some(hz) = args.rate {
-        output::line(format_args!("rate {} Hz", client.set_rate(hz)?))?;
+        lines.push(format!("rate {} Hz", client.set_rate(hz)?));
     }
     if let Some(hz) = args.filter {
         client.set_filter(hz)?;
-        output::line(match hz {
+        lines.push(match hz {
             0 => "filter none".to_owned(),
             hz => format!("filter {hz} Hz"),
-        })?;
+        });
     }
     if let Some(chosen) = args.fields {
         client.set_fields(chosen)?;
-        output::line(format_args!("fields {}", fields::list(chosen)))?;
+        lines.push(format!("fields {}", fields::list(chosen)));
     }
     if let Some(point) = args.point {
         let (method, name) = match point {
@@ -114,11 +180,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             Point::Model => (PointMethod::Model, "model"),
         };
         client.set_point_method(method)?;
-        output::line(format_args!("point {name}"))?;
+        lines.push(format!("point {name}"));
     }
-    if args.save {
-        client.save_settings()?;
-        output::line("saved")?;
-    }
-    Ok(())
+    Ok(lines)
 }

@@ -8,7 +8,7 @@ use taxel_client::{Port, ReconnectingClient};
 use taxel_files::calibration;
 
 use crate::browser;
-use crate::finger::{address, scene_calibration, steady};
+use crate::finger::{address, steady};
 use crate::interrupt::Interrupt;
 use crate::output;
 use crate::view::{Feed, Server, Source, Tap};
@@ -68,9 +68,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
                 Source::File(path, given.map(Box::new))
             }
             port => {
-                let scene = if let Port::Sim(scene) = &port { scene.as_str() } else { "" };
-                let calibration = scene_calibration(args.calibration.as_deref(), scene)?;
-                Source::Finger(Box::new(steady(port, calibration)), args.folder.clone())
+                let finger = steady(port, args.calibration.as_deref())?;
+                Source::Finger(Box::new(finger), args.folder.clone())
             }
         };
         feeds.push(Feed::start(source)?);

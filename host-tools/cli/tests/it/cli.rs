@@ -197,7 +197,8 @@ fn failure_is_one_line_and_exit_code_1() {
     let line = "a file, not a device; write `file:` in front of it to play it back";
     assert_eq!(file, format!("taxel: Cargo.toml: {line}\n"));
     let rate = fails(1, &["set", "--port", "sim:press", "--rate", "0"]);
-    assert!(rate.ends_with(": rate: must lie in 1…1000\n"), "{rate}");
+    let line = ": rate: must lie in 1…1000; all settings are as before\n";
+    assert!(rate.ends_with(line), "{rate}");
     let missing = fails(1, &["info", "--port", "/dev/no-such-finger"]);
     assert!(missing.starts_with("taxel: /dev/no-such-finger: no such device; there "), "{missing}");
     let scene = fails(1, &["demo", "--scene", "no-such-scene"]);

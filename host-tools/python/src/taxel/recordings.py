@@ -140,6 +140,19 @@ def _parquet(path: Path) -> Recording:
     return Recording(columns, reasons, facts, calibration)
 
 
+def _has_frames(path: Path) -> bool:
+    """True if a damaged MCAP file has frames before the damage."""
+    from mcap.exceptions import McapError
+    from mcap.records import Message
+    from mcap.stream_reader import StreamReader
+
+    with path.open("rb") as file:
+        try:
+            return any(isinstance(record, Message) for record in StreamReader(file).records)
+        except McapError:
+            return False
+
+
 def _mcap(path: Path) -> Recording:
     from mcap.exceptions import McapError
     from mcap.reader import make_reader
@@ -158,7 +171,9 @@ def _mcap(path: Path) -> Recording:
             facts.pop("facts_crc", None)
             calibration = next((each.data.decode() for each in reader.iter_attachments()), None)
         except McapError as error:
-            mend = f"`taxel export {path.name} --out saved.mcap` saves what can be read"
+            mend = "no frame of it can be read: record again"
+            if _has_frames(path):
+                mend = f"`taxel export {path.name} --out saved.mcap` saves what can be read"
             raise RecordingError(f"{path}: damaged or cut off ({error}); {mend}") from error
     columns: Columns = {}
     reasons: Columns = {}
