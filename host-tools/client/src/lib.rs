@@ -25,4 +25,4 @@ pub use error::{ActiveCalibration, LinkError, Problem};
 pub use link::{Device, Link, keep_alive};
 pub use port::Port;
 pub use stamps::Timestamps;
-pub use steady::{Event, ReconnectingClient};
+pub use steady::{Event, ReconnectingClient, Settings};

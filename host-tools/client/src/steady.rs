@@ -44,13 +44,13 @@ struct Connected {
 
 /// Settings that a finger loses with its power.
 #[derive(Clone, Copy)]
-struct Settings {
+pub struct Settings {
     millihertz: u32,
     filter_hz: u16,
     fields: Fields,
     method: PointMethod,
     /// Scan settings, where the board reports them.
-    scan: Option<ScanSettings>,
+    pub scan: Option<ScanSettings>,
     /// Whether a bias taken on command was active.
     biased: bool,
 }
@@ -189,7 +189,10 @@ impl ReconnectingClient {
 
 impl Settings {
     /// Asks for the present settings of a finger.
-    fn of(client: &Client) -> Result<(Self, Info), LinkError> {
+    ///
+    /// # Errors
+    /// The finger does not reply.
+    pub fn of(client: &Client) -> Result<(Self, Info), LinkError> {
         let info = client.info()?;
         let settings = Self {
             millihertz: info.rate_millihertz,
@@ -203,7 +206,10 @@ impl Settings {
     }
 
     /// Restores the settings. Returns whether the bias is lost.
-    fn restore(self, client: &Client) -> Result<bool, LinkError> {
+    ///
+    /// # Errors
+    /// The finger does not reply.
+    pub fn restore(self, client: &Client) -> Result<bool, LinkError> {
         // First, because the others depend on it. Only if it differs, because it clears the bias.
         if let Some(scan) = self.scan
             && client.health()?.scan != Some(scan)

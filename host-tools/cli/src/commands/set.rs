@@ -5,7 +5,7 @@ use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::Fields;
 use taxel::frame::schema::FIELD_NAMES;
 use taxel::scan::ScanSettings;
-use taxel_client::{Client, LinkError, fields};
+use taxel_client::{Client, LinkError, Settings, fields};
 
 use crate::finger::PortArg;
 use crate::output;
@@ -70,54 +70,13 @@ fn settle(text: &str) -> Result<u32, String> {
     }
 }
 
-/// Settings of a finger that this command changes.
-#[derive(Clone, Copy)]
-struct Settings {
-    millihertz: u32,
-    filter_hz: u16,
-    fields: Fields,
-    method: PointMethod,
-    /// Scan settings, where the board reports them.
-    scan: Option<ScanSettings>,
-    /// Whether a bias taken on command is active, which another scan clears.
-    biased: bool,
-}
-
-impl Settings {
-    fn of(client: &Client) -> Result<Self, LinkError> {
-        let (info, scan) = (client.info()?, client.health()?.scan);
-        Ok(Self {
-            millihertz: info.rate_millihertz,
-            filter_hz: info.filter_hz,
-            fields: info.fields,
-            method: info.point_method,
-            scan,
-            biased: info.biased,
-        })
-    }
-
-    /// Sets the finger back to these settings. Returns whether its bias is lost.
-    fn restore(self, client: &Client) -> Result<bool, LinkError> {
-        let now = Self::of(client)?;
-        if let Some(scan) = self.scan.filter(|_| now.scan != self.scan) {
-            client.set_scan(scan)?;
-        }
-        let hertz = self.millihertz.div_ceil(1000).clamp(1, u16::MAX.into());
-        client.set_rate(hertz as u16)?;
-        client.set_filter(self.filter_hz)?;
-        client.set_fields(self.fields)?;
-        client.set_point_method(self.method)?;
-        Ok(self.biased && !client.info()?.biased)
-    }
-}
-
 /// Runs the command.
 ///
 /// # Errors
 /// The finger cannot be reached or refuses; it then has the settings from before.
 pub fn run(args: Args) -> anyhow::Result<()> {
     let client = args.port.connect()?;
-    let before = Settings::of(&client)?;
+    let (before, _) = Settings::of(&client)?;
     let lines = match change(&args, &client, before.scan) {
         Ok(lines) => lines,
         Err(error) => bail!("{error}; {}", restored(before.restore(&client))),
