@@ -11,8 +11,9 @@ use std::time::{Duration, Instant};
 
 use crate::output;
 
-/// Time from Ctrl-C to the end of the process; `ctrl_c::command_ends_within_a_second` holds it.
-const DEADLINE: Duration = Duration::from_millis(750);
+/// Time from Ctrl-C to the end of the process, so that it ends within a second on a busy machine too;
+/// held by the tests in `ctrl_c.rs`.
+const DEADLINE: Duration = Duration::from_millis(700);
 /// Longest farewell to a finger after Ctrl-C.
 const FAREWELL: Duration = Duration::from_millis(400);
 /// Interval at which a farewell is checked for its end.
