@@ -184,6 +184,11 @@ impl FingerState {
         self.taker = Some(BiasTaker::new(frames));
     }
 
+    /// Stops taking a bias; the active one stays.
+    pub fn stop_bias(&mut self) {
+        self.taker = None;
+    }
+
     /// Returns whether a bias is being taken.
     #[must_use]
     pub fn taking_bias(&self) -> bool {

@@ -363,6 +363,12 @@ impl Instrument {
         self.state.taking_bias() || self.self_test.is_some()
     }
 
+    /// Ends a bias and a self-test whose host has gone; the next host gets no reply to them.
+    pub fn forget_host(&mut self) {
+        self.state.stop_bias();
+        (self.bias_tag, self.self_test) = (None, None);
+    }
+
     /// Whether the board holds an LED row on.
     #[must_use]
     pub fn row_held(&self) -> bool {

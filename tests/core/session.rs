@@ -498,6 +498,26 @@ fn bias_taken_in_contact_is_reported() {
 }
 
 #[test]
+fn bias_and_self_test_end_with_their_host() {
+    for long in [Command::TakeBias { scans: u16::MAX }, Command::SelfTest { scans: 4096 }] {
+        let gone = async |host: &mut Host| {
+            host.send(long.clone()).await;
+            host.info().await;
+        };
+        let (instrument, _) = run(fresh(), scans(1_000_000), Pace::Live, 4096, gone);
+        assert!(!instrument.busy());
+        run(instrument, scans(1_000_000), Pace::Live, 4096, async |host| {
+            // The next host's requests have the same tags.
+            let taken = host.ask(Command::TakeBias { scans: 2 }).await;
+            assert!(matches!(taken, Ok(Response::Bias { on_command: true, .. })), "{taken:?}");
+            let tested = host.ask(Command::SelfTest { scans: 3 }).await;
+            let Ok(Response::SelfTest(test)) = tested else { panic!("{tested:?}") };
+            assert_eq!(test.scans, 3);
+        });
+    }
+}
+
+#[test]
 fn slow_host_loses_whole_counted_frames() {
     let (mut instrument, end) = run(fresh(), scans(20_000), Pace::Live, 256, async |host| {
         host.ask(Command::SetRate { hz: 4000 }).await.unwrap();

@@ -117,6 +117,8 @@ pub struct Compared {
     pub requests: u64,
     pub replies: u64,
     pub frames: u64,
+    /// Requests for a bias or a self-test that ended with their session.
+    pub ended: u64,
     /// Accepted requests by command.
     pub done: [u64; 21],
     /// Refusals by number.
@@ -126,10 +128,11 @@ pub struct Compared {
 impl Compared {
     /// Adds the counts of another finger.
     pub fn add(&mut self, other: &Self) {
-        let Self { requests, replies, frames, done, refused } = other;
+        let Self { requests, replies, frames, ended, done, refused } = other;
         self.requests += requests;
         self.replies += replies;
         self.frames += frames;
+        self.ended += ended;
         self.done.iter_mut().zip(done).for_each(|(sum, more)| *sum += more);
         self.refused.iter_mut().zip(refused).for_each(|(sum, more)| *sum += more);
     }
@@ -169,17 +172,25 @@ impl Model {
         }
     }
 
-    /// Begins a session: the settings stay, a held row and half a packet do not.
+    /// Begins a session: the settings stay; a held row, half a packet, and a bias or a self-test
+    /// under way do not.
     pub fn connect(&mut self, lossless: bool) {
         self.lossless = lossless;
         self.packet.clear();
         self.held = false;
+        self.leave();
         // The end of the session before may have dropped frames.
         (self.due, self.counted) = (None, false);
     }
 
+    /// Ends the session: a bias or a self-test under way gets no reply.
+    pub fn leave(&mut self) {
+        self.compared.ended += u64::from(self.late.take().is_some());
+    }
+
     /// Takes the power away and gives it back: what was saved remains.
     pub fn restart(&mut self) {
+        self.leave();
         let (at, compared) = (self.at, std::mem::take(&mut self.compared));
         let (record, saved) = (self.record.take(), std::mem::take(&mut self.saved));
         let mut flash = std::mem::take(&mut self.flash);
