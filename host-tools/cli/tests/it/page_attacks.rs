@@ -226,6 +226,7 @@ fn flood_of_orders_delays_no_other_page() {
     // The pages stay open, so that their orders still wait.
     let floods: Vec<_> = floods.into_iter().map(|flood| flood.join().unwrap()).collect();
     let taken: usize = floods.iter().map(|(sent, _)| sent).sum();
+    assert!(floods.iter().all(|(sent, _)| *sent > 0), "a page that takes no order is not flooded");
     let after = page.order(r#"{"order":"rate","hz":700}"#);
     let lost = page.lost();
     println!(

@@ -302,6 +302,20 @@ fn no_request_silences_the_f411() {
     floods(F411, Flood(micros(20_000), 0));
 }
 
+#[test]
+fn core_that_stands_still_is_noticed() {
+    let mut session = load::session(G431, None, 1000);
+    let before = touched(&mut session);
+    pause(&mut session);
+    session.run(micros(20_000)).unwrap();
+    assert!(pause(&mut session) < longest_pause(G431));
+    session.board.stall(micros(3_000));
+    session.run(micros(20_000)).unwrap();
+    assert!(pause(&mut session) > longest_pause(G431));
+    let after = scans(&mut session);
+    assert!(after.lost - before.lost > 6, "a scan came each 0.25 ms meanwhile");
+}
+
 /// Long floods that run nightly.
 mod nightly {
     use super::*;
