@@ -383,6 +383,10 @@ impl Instrument {
 
     /// Adapts rate, filter and state to new scan settings of the board.
     pub fn rescanned(&mut self, scan: &ScanSettings, full_scale: FullScale) {
+        // A second of the new scans, because the old ones' time is unknown.
+        if self.erased_lately() {
+            self.note_erasure();
+        }
         self.scan = Some(*scan);
         self.identity.scan_hz = scan.scan_hz;
         self.identity.full_scale = full_scale;

@@ -166,10 +166,10 @@ pub async fn run_session<R: Read, W: Write>(
     let done = Signal::<NoopRawMutex, ()>::new();
     let mut transmit = pin!(transmit(&mut tx, pipe, taken, chunk, &done));
     // The last session may have been dropped.
-    part(board, instrument);
+    release_host(board, instrument);
     let converse = converse(rx, board, instrument, pipe, taken, pace);
     let first = select(converse, transmit.as_mut()).await;
-    part(board, instrument);
+    release_host(board, instrument);
     let ended = match first {
         Either::First(ended) => ended.map_err(SessionError::Read)?,
         // The writer returns by itself only when the link fails.
@@ -205,10 +205,9 @@ async fn transmit<W: Write>(
     }
 }
 
-/// Ends what only the host that asked for it waits for: a bias, a self-test, and a row whose LEDs
-/// are held on.
+/// Ends a bias, a self-test and a held row of the last host.
 #[inline(never)]
-fn part(board: &mut impl Board, instrument: &mut Instrument) {
+fn release_host(board: &mut impl Board, instrument: &mut Instrument) {
     instrument.forget_host();
     if instrument.row_held() {
         // A board that could hold a row can let it go.

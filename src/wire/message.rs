@@ -283,15 +283,15 @@ pub struct BoardHealth {
     pub erasures: Option<Erasures>,
 }
 
-/// Erasures of the flash over its life. Two areas share each number.
+/// Erasures of the flash over its life, at least. Two areas share each number.
 ///
 /// A chip's data sheet says how many an area endures. An upload that breaks off counts only if a
 /// later one is completed before the power goes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Erasures {
-    /// Of the two areas of the calibration.
+    /// Erasures of the calibration's two areas.
     pub calibration: u32,
-    /// Of the two areas of settings and bias.
+    /// Erasures of the two areas of settings and bias.
     pub settings: u32,
 }
 

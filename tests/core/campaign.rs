@@ -1,8 +1,9 @@
 //! Hostile bytes against the model of a session: garbage, and requests of every kind, whole or
 //! damaged, split anywhere. Every reply must be the model's.
 //!
-//! Ten billion bytes: `TAXEL_LONG=1 cargo test -p taxel --test core-tests campaign::`. A failure
-//! names its seed; `TAXEL_SEED=<seed>` begins with that one.
+//! Ten billion bytes:
+//! `TAXEL_LONG=1 cargo test --release -p taxel --test core-tests campaign::`. A failure names its
+//! seed; `TAXEL_SEED=<seed>` begins with that one.
 
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

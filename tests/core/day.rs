@@ -1,7 +1,7 @@
 //! A day of virtual time at 4 kHz: every frame is received or known to be lost, every counter
 //! wraps, and memory stays flat.
 //!
-//! All 345.6 million frames: `TAXEL_LONG=1 cargo test -p taxel --test core-tests day::`.
+//! All 345.6 million frames: `TAXEL_LONG=1 cargo test --release -p taxel --test core-tests day::`.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

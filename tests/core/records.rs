@@ -1,7 +1,7 @@
 //! Records with every field drawn on its own: no accepted one gives a value that is infinite, NaN
 //! or beyond what a fingertip can measure, and no memory keeps such a value.
 //!
-//! Ten million records: `TAXEL_LONG=1 cargo test -p taxel --test core-tests records::`.
+//! Ten million records: `TAXEL_LONG=1 cargo test --release -p taxel --test core-tests records::`.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -4,6 +4,7 @@ use crate::common::{calibration, identity};
 use crate::session::{Host, fresh, run, scans};
 use taxel::calibration::{CalibrationError, MAX_BYTES};
 use taxel::instrument::Instrument;
+use taxel::scan::ScanSettings;
 use taxel::session::{Board, Pace};
 use taxel::store::{RamFlash, Store};
 use taxel::wire::message::{CHUNK, Command, Erasures, Refusal, Response};
@@ -102,6 +103,22 @@ fn erasures_are_a_second_of_scans_apart() {
             }
         }
         assert_eq!(erasures(host).await, Erasures { calibration: 5, settings: 5 });
+    });
+}
+
+#[test]
+fn slower_scan_does_not_shorten_the_second() {
+    run(fresh(), scans(1_000_000), Pace::Live, 4096, async |host| {
+        let scan =
+            |scan_hz| Command::SetScan(ScanSettings { scan_hz, oversampling: 1, settle_ns: 0 });
+        host.ask(scan(8000)).await.unwrap();
+        host.ask(Command::SaveSettings).await.unwrap();
+        let saved = host.info().await.counters.scans;
+        while host.info().await.counters.scans - saved < 1000 {}
+        host.ask(scan(1000)).await.unwrap();
+        let rescanned = host.info().await.counters.scans;
+        when_rested(host, Command::SaveSettings).await.unwrap();
+        assert!(host.info().await.counters.scans - rescanned > 990);
     });
 }
 

@@ -13,7 +13,7 @@ use crate::output;
 
 /// Time from Ctrl-C to the end of the process, so that it ends within a second on a busy machine too;
 /// held by the tests in `ctrl_c.rs`.
-const DEADLINE: Duration = Duration::from_millis(700);
+pub const DEADLINE: Duration = Duration::from_millis(700);
 /// Longest farewell to a finger after Ctrl-C.
 const FAREWELL: Duration = Duration::from_millis(400);
 /// Interval at which a farewell is checked for its end.

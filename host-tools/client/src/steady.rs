@@ -108,7 +108,7 @@ impl ReconnectingClient {
         self.state().client.clone()
     }
 
-    /// Waits for the next event. The finger streams from the first call on.
+    /// Waits for the next event, in one thread at a time. The finger streams from the first call on.
     ///
     /// A connection is made in a thread of its own, because a finger may be silent for seconds: no
     /// call takes longer than `patience` and the interval between attempts, 0.1 s.
@@ -165,6 +165,7 @@ impl ReconnectingClient {
                 Event::Connecting
             }
             Err(RecvTimeoutError::Disconnected) => {
+                std::thread::sleep(RETRY);
                 let failed = "the attempt to connect failed by a bug in this program".to_owned();
                 Event::Disconnected(Problem::Open(failed).at(&self.port))
             }
@@ -205,7 +206,7 @@ impl Settings {
         Ok((settings, info))
     }
 
-    /// Restores the settings. Returns whether the bias is lost.
+    /// Restores the settings, the scan first, which may clear the bias. Returns whether it is lost.
     ///
     /// # Errors
     /// The finger does not reply.

@@ -1,5 +1,5 @@
-//! What a released program is made of: its parts for machines, as a CycloneDX bill of materials
-//! (SBOM), and the licences of all parts for people.
+//! Bill of materials of a released program: its parts for machines, in CycloneDX (SBOM), and the
+//! licences of all parts for people.
 
 use std::fs;
 use std::path::Path;
@@ -58,9 +58,9 @@ fn parts(program: &str, manifest: &Path, out: &Path) -> Result<()> {
         .output()?;
     let metadata: Value = serde_json::from_slice(&metadata.stdout)?;
     for package in metadata["packages"].as_array().into_iter().flatten() {
-        let its = Path::new(package["manifest_path"].as_str().unwrap_or_default());
-        let written = its.with_file_name(format!("{name}.json"));
-        if its == manifest {
+        let member = Path::new(package["manifest_path"].as_str().unwrap_or_default());
+        let written = member.with_file_name(format!("{name}.json"));
+        if member == manifest {
             fs::copy(&written, out).with_context(|| written.display().to_string())?;
         }
         if written.exists() {

@@ -51,7 +51,7 @@ enum Task {
         /// A folder of `boards/`
         board: String,
     },
-    /// Writes what a released program is made of: its SBOM and the licences of its parts
+    /// Writes the bill of materials (SBOM) of a released program and the licences of its parts
     Bill {
         /// `taxel` or a board
         program: String,

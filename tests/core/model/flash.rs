@@ -19,8 +19,9 @@ pub(super) struct Flash {
 }
 
 impl Flash {
-    /// Notes an accepted request, after at most so many scans, and at least as many as `told`.
-    pub fn note(&mut self, command: u8, told: u64, most: u64) {
+    /// Notes an accepted request, after `told` scans at least and `most` at most, of which there
+    /// were `second` in a second until then.
+    pub fn note(&mut self, command: u8, [told, most]: [u64; 2], second: u64) {
         match command {
             9 => {
                 self.calibration += 1;
@@ -30,6 +31,11 @@ impl Flash {
             13 | 14 => {
                 self.saves += 1;
                 self.possible = Some(most);
+            }
+            // Another rate of the scan begins the second again, if it has not passed.
+            18 => {
+                self.certain = self.certain.filter(|at| most < at + second).map(|_| told);
+                self.possible = self.possible.filter(|at| told < at + second).map(|_| most);
             }
             _ => {}
         }

@@ -290,7 +290,7 @@ impl Model {
                 [1, _, 1, refusal, ..] => self.compared.refused[usize::from(*refusal)] += 1,
                 _ => {
                     self.compared.done[usize::from(request.command)] += 1;
-                    self.flash.note(request.command, self.scans, scans);
+                    self.flash.note(request.command, [self.scans, scans], self.scan_hz);
                     self.apply(request);
                 }
             }

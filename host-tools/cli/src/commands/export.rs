@@ -90,7 +90,12 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             FileError::new(path, "no frame within this stretch")
                 .mend(format!("the frames read have times from {first:.3} s to {last:.3} s"))
         });
-        let damage = damage.map(|error| error.mend("no frame of it can be read: record again"));
+        let damage = damage.map(|error| match times {
+            None => error.mend("no frame of it can be read: record again"),
+            Some((first, last)) => error.mend(format!(
+                "no frame that can be read is in this stretch: they have times from {first:.3} s to {last:.3} s"
+            )),
+        });
         bail!(damage.or(none).unwrap_or_else(|| FileError::new(path, "no frame in it")));
     }
     let out = args.out.display();

@@ -83,7 +83,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     };
     lines.iter().try_for_each(output::line)?;
     if args.save {
-        client.save_settings()?;
+        client.save_settings().context("the settings are changed, but not saved")?;
         output::line("saved")?;
     }
     Ok(())

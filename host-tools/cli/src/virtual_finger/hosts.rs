@@ -132,5 +132,7 @@ mod tests {
         assert_eq!(probes.tcp_keepalive_time().unwrap(), Duration::from_secs(10));
         assert_eq!(probes.tcp_keepalive_interval().unwrap(), Duration::from_secs(5));
         assert_eq!(probes.tcp_keepalive_retries().unwrap(), 3);
+        #[cfg(target_os = "linux")]
+        assert_eq!(probes.tcp_user_timeout().unwrap(), Some(Duration::from_secs(25)));
     }
 }

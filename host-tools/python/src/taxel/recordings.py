@@ -141,15 +141,23 @@ def _parquet(path: Path) -> Recording:
 
 
 def _has_frames(path: Path) -> bool:
-    """True if a damaged MCAP file has frames before the damage."""
-    from mcap.exceptions import McapError
+    """True if a damaged MCAP file lists chunks of frames, or has frames before the damage."""
+    from mcap.reader import make_reader
     from mcap.records import Message
     from mcap.stream_reader import StreamReader
 
+    # The errors of the decompressors have no class in common.
     with path.open("rb") as file:
         try:
+            summary = make_reader(file).get_summary()
+            if summary is not None and summary.chunk_indexes:
+                return True
+        except Exception:  # noqa: BLE001
+            pass
+        file.seek(0)
+        try:
             return any(isinstance(record, Message) for record in StreamReader(file).records)
-        except McapError:
+        except Exception:  # noqa: BLE001
             return False
 
 

@@ -20,11 +20,15 @@ use taxel_regress::network::{NetOptions, Progress};
 use taxel_regress::table::{self, TableOptions};
 
 use super::data::{self, Aligned};
-use crate::interrupt::Interrupt;
+use crate::interrupt::{DEADLINE, Interrupt};
 use crate::output::{self, Overwrite};
 
 /// Time after Ctrl-C in which the current stage may end by itself.
-const PATIENCE: Duration = Duration::from_millis(600);
+const PATIENCE: Duration = Duration::from_millis(350);
+const _: () = assert!(
+    2 * PATIENCE.as_millis() <= DEADLINE.as_millis(),
+    "the best record is kept before the process ends"
+);
 
 /// Fits a calibration to recordings.
 ///
