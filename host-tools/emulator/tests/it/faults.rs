@@ -1,13 +1,13 @@
 //! Tests of the systematic faults: a sample of them, and the committed verdicts and their page.
 
-use taxel_emulator::board::model::Model::{self, G431};
+use taxel_emulator::board::model::Model::{self, F411, G431};
 use taxel_emulator::faults::table::{self, Row};
 use taxel_emulator::faults::{Campaign, Verdict};
 
 use crate::support::{image, name, repository, scene};
 
 /// Number of faults of each board in a sample.
-const SAMPLE: usize = 24;
+const SAMPLE: usize = 200;
 /// Least share of the faults that is caught.
 const SHARE: f64 = 0.85;
 
@@ -60,16 +60,23 @@ fn sample_agrees_with_the_committed_table(model: Model) {
 }
 
 #[test]
-fn product_sample_agrees_with_the_committed_table() {
+fn g431_sample_agrees_with_the_committed_table() {
     sample_agrees_with_the_committed_table(G431);
 }
 
 #[test]
-fn page_lists_the_committed_survivors() {
-    let path = repository().join(format!("docs/boards/{}.md", name(G431)));
-    let page = std::fs::read_to_string(path).unwrap();
-    let drawn = table::drawn(&page, G431, &committed(G431));
-    assert!(drawn == Some(page), "docs/emulator.md says how the page is drawn again");
+fn f411_sample_agrees_with_the_committed_table() {
+    sample_agrees_with_the_committed_table(F411);
+}
+
+#[test]
+fn pages_list_the_committed_survivors() {
+    for model in [G431, F411] {
+        let path = repository().join(format!("docs/boards/{}.md", name(model)));
+        let page = std::fs::read_to_string(path).unwrap();
+        let drawn = table::drawn(&page, model, &committed(model));
+        assert!(drawn == Some(page), "docs/emulator.md says how the page is drawn again");
+    }
 }
 
 mod nightly {
@@ -81,7 +88,12 @@ mod nightly {
     }
 
     #[test]
-    fn product_table_agrees_with_all_faults() {
+    fn g431_table_agrees_with_all_faults() {
         table_agrees(G431);
+    }
+
+    #[test]
+    fn f411_table_agrees_with_all_faults() {
+        table_agrees(F411);
     }
 }
