@@ -50,9 +50,15 @@ pub struct Finger {
     pub filter: Option<LowPass>,
 }
 
+/// Time in microseconds after which the model still finds the contact in one step, as it does in a
+/// stream of a kilohertz.
+const FOLLOWED_US: u32 = 1000;
+
 /// State of one finger, carried from scan to scan.
 #[derive(Clone, Debug, Default)]
 pub struct FingerState {
+    /// Time of the last scan.
+    time: Micros,
     bias: Bias,
     biased: bool,
     gate: GateState,
@@ -302,8 +308,12 @@ impl Finger {
         signals.health.bridge_faults |= stuck.bridges;
         if scan.lost > 0 {
             state.noise.interrupt();
+        }
+        // An overloaded finger would not recover if each lost scan made the next fit longer.
+        if scan.lost > 0 && scan.time.since(state.time) > FOLLOWED_US {
             state.matrix.interrupt();
         }
+        state.time = scan.time;
         let noisy = state.noise.update(signals, &state.bias);
         let mut status = Status::default();
         let unknown = |(warmth, level): Warm<'_>| warmth.unknown(level);

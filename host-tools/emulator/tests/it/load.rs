@@ -199,6 +199,6 @@ fn touch_arrives_within(scan: Option<ScanSettings>, most_us: f64) {
 }
 
 #[test]
-fn touch_reaches_usb_within_600_us_at_4_khz() {
-    touch_arrives_within(None, 600.0);
+fn touch_reaches_usb_within_550_us_at_4_khz() {
+    touch_arrives_within(None, 550.0);
 }
