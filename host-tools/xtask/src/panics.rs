@@ -147,17 +147,25 @@ pub fn remaining(elf: &Path, image: &Image) -> Result<Sites> {
 /// Returns the crate and source line of the code at `site`.
 ///
 /// Code inlined from the standard library belongs to its caller; `None` where there is no other.
+/// Code that the compiler merged from several places has no line, and the file of whatever stands
+/// before it: where that is the core, it belongs to what it is inlined in, and counts there.
 fn owner(loader: &Loader, site: u32) -> Result<Option<(String, String)>> {
     let mut frames = loader.find_frames(u64::from(site)).map_err(|error| anyhow!("{error}"))?;
+    let mut merged = None;
     while let Some(frame) = frames.next()? {
         if let Some(location) = frame.location
             && let Some(file) = location.file
             && let Some(name) = crate_of(file, &root())
         {
-            return Ok(Some((name, format!("{file}:{}", location.line.unwrap_or_default()))));
+            let line = location.line.unwrap_or_default();
+            if line == 0 && name == CORE {
+                merged.get_or_insert(format!("{file}:{line}"));
+                continue;
+            }
+            return Ok(Some((name, format!("{file}:{line}"))));
         }
     }
-    Ok(None)
+    Ok(merged.map(|line| (CORE.to_owned(), line)))
 }
 
 /// Returns the crate of a source file; `None` for the standard library.
