@@ -3,7 +3,7 @@
 use super::wire::Reader;
 use super::{Expected, Model};
 
-/// What a host knows of the erasures.
+/// Knowledge that a host has of the erasures.
 #[derive(Clone, Default)]
 pub(super) struct Flash {
     /// Erasures for calibrations, and as many of them as a restart finds.

@@ -60,7 +60,7 @@ struct Asked {
     request: Request,
 }
 
-/// What a finger keeps without power, except its record.
+/// Settings and bias that a finger keeps without power.
 #[derive(Clone, Default)]
 struct Saved {
     /// Rate, filter, fields, method, and the rate of the scan if the host set it.

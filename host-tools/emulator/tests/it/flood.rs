@@ -21,7 +21,7 @@ const SILENCE: Tick = micros(10_000);
 const PATIENCE: Tick = micros(50_000);
 /// Scans that wait at a count or come before its answer, where scenes overload the core.
 const LATE: u32 = 12;
-/// The same under a flood of requests.
+/// Scans that wait at a count under a flood of requests.
 const LATE_IN_FLOOD: u32 = 1;
 /// Longest time without a scan that reaches the session, outside an erasure. The F411 is slower
 /// than the 2 ms that a flood may cost.
