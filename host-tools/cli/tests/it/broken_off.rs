@@ -280,6 +280,8 @@ fn pulled_cable_in_upload_leaves_one_calibration() {
     let read_back = [[u64::MAX, to_host - 1], [to_finger - 1, u64::MAX]];
     let mut said = BTreeMap::new();
     for most in chunks.chain(answers).chain(read_back) {
+        // Within a second of an erasure of flash, Busy and its repetition would move the cut.
+        thread::sleep(Duration::from_millis(1_100));
         let cable = cable(&upload.port(), most, Then::Pulled);
         let ran = upload.run(&cable.port);
         cable.carried.join().unwrap();
