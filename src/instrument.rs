@@ -386,6 +386,8 @@ impl Instrument {
         // A second of the new scans, because the old ones' time is unknown.
         if self.erased_lately() {
             self.note_erasure();
+        } else {
+            self.erased_at = None;
         }
         self.scan = Some(*scan);
         self.identity.scan_hz = scan.scan_hz;

@@ -123,6 +123,20 @@ fn slower_scan_does_not_shorten_the_second() {
 }
 
 #[test]
+fn faster_scan_does_not_bring_a_past_second_back() {
+    run(fresh(), scans(1_000_000), Pace::Live, 4096, async |host| {
+        let scan =
+            |scan_hz| Command::SetScan(ScanSettings { scan_hz, oversampling: 1, settle_ns: 0 });
+        host.ask(scan(1000)).await.unwrap();
+        host.ask(Command::SaveSettings).await.unwrap();
+        let saved = host.info().await.counters.scans;
+        while host.info().await.counters.scans - saved < 1000 {}
+        host.ask(scan(8000)).await.unwrap();
+        assert_eq!(host.ask(Command::SaveSettings).await, Ok(Response::Done));
+    });
+}
+
+#[test]
 fn refused_erasure_leaves_flash_and_upload_as_they_are() {
     let mut buffer = [0; MAX_BYTES];
     let record = calibration().to_bytes(&mut buffer).unwrap();
