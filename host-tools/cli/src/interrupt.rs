@@ -82,8 +82,8 @@ impl Interrupt {
 
     /// Takes leave of a finger in a thread; after Ctrl-C for at most [`FAREWELL`].
     ///
-    /// What `leave` owns is dropped there too, because dropping a client or a page waits for its
-    /// threads.
+    /// The values that `leave` owns are dropped there too, because dropping a client or a page waits
+    /// for its threads.
     pub fn farewell(&self, leave: impl FnOnce() + Send + 'static) {
         let begun = Instant::now();
         let leaving = thread::spawn(leave);

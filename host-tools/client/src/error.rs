@@ -190,8 +190,9 @@ fn refused(refusal: &Refusal) -> String {
             "refused, the finger moved; the old bias stays; release the finger and try again".into()
         }
         Refusal::Busy => {
-            "refused for now, a bias, a self-test or a save is under way; try again in a second".into()
-        },
+            "refused for now: a bias, a self-test or a save is under way; try again in a second"
+                .to_owned()
+        }
         Refusal::OutOfOrder => {
             "refused, bytes of the calibration were lost; the old one stays, upload again".into()
         }

@@ -2,7 +2,7 @@
 //! `docs/protocol.md` and without the core.
 //!
 //! The model takes the bytes that the host sends, and then each message of the finger in its order.
-//! Where a reply depends on the scans, the model knows its kind alone.
+//! The model knows the kind alone of a reply that depends on the scans.
 #![allow(dead_code, reason = "the fuzz target and the tests each use a part")]
 
 mod answer;

@@ -86,17 +86,17 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         waiting(format!("writing {}", args.out.display()), finish)?;
         pending.commit()?;
     } else if !interrupt.came() {
-        let none = times.map(|(first, last)| {
-            FileError::new(path, "no frame within this stretch")
-                .mend(format!("the frames read have times from {first:.3} s to {last:.3} s"))
+        let read = times.map(|(first, last)| {
+            format!("the frames read have times from {first:.3} s to {last:.3} s")
         });
-        let damage = damage.map(|error| match times {
-            None => error.mend("no frame of it can be read: record again"),
-            Some((first, last)) => error.mend(format!(
-                "no frame that can be read is in this stretch: they have times from {first:.3} s to {last:.3} s"
-            )),
+        bail!(match (damage, read) {
+            (None, None) => FileError::new(path, "no frame in it"),
+            (None, Some(read)) => FileError::new(path, "no frame within this stretch").mend(read),
+            (Some(error), None) => error.mend("no frame of it can be read: record again"),
+            (Some(error), Some(read)) => {
+                error.mend(format!("no frame within this stretch: {read}"))
+            }
         });
-        bail!(damage.or(none).unwrap_or_else(|| FileError::new(path, "no frame in it")));
     }
     let out = args.out.display();
     match damage {
