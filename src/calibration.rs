@@ -24,7 +24,9 @@ use core::fmt;
 use heapless::String;
 use serde::{Deserialize, Serialize};
 
-use crate::condition::{Bias, BridgeBias, TaxelBias, TemperatureCompensation};
+use crate::condition::{
+    Bias, BridgeBias, DriftCompensation, LagCompensation, TaxelBias, TemperatureCompensation,
+};
 use crate::crc32::crc32;
 use crate::estimate::array::Array;
 use crate::estimate::inverse::Inverse;
@@ -144,6 +146,12 @@ sections! {
     /// Effect of temperature on the channels.
     #[cfg(feature = "warmth")]
     6 since 2: warmth: TemperatureCompensation;
+    /// Lag of skin and force sensors.
+    #[cfg(feature = "lag")]
+    7 since 2: lag: LagCompensation;
+    /// Drift of the light.
+    #[cfg(feature = "drift")]
+    8 since 2: drift: DriftCompensation;
     /// Force sensors together as one six-axis sensor.
     #[cfg(feature = "array")]
     20 since 2: array: Array;

@@ -4,11 +4,13 @@
 //! Codes ──Levels::read, TemperatureCompensation::correct──▶ Levels ──Bias::apply──▶ Signals
 //! ```
 //! [`Levels`] are absolute fractions of full scale and need no calibration. [`Signals`] are changes
-//! against the unloaded finger and need a [`Bias`]. The low-pass filter runs only if the host has
-//! asked for it. [`Bias::direct`] converts codes to signals in one pass and serves most scans.
+//! against the unloaded finger and need a [`Bias`]. [`DriftCompensation`] and [`LagCompensation`] serve
+//! records that have them, and the low-pass filter runs only if the host has asked for it. [`Bias::direct`] converts codes to signals in one pass and serves most scans.
 
 mod bias;
 mod direct;
+mod drift;
+mod lag;
 mod levels;
 mod low_pass;
 mod noise;
@@ -17,6 +19,8 @@ mod warmth;
 
 pub(crate) use bias::NOISE_LIMIT;
 pub use bias::{Bias, BiasRefusal, BiasTaker, BridgeBias, NOISE_FLOOR, Taken, TaxelBias};
+pub use drift::{Drift, DriftCompensation};
+pub use lag::{LagCompensation, LagState};
 pub use levels::{BridgeLevels, DEAD_LEVEL, Levels, MIDPOINT_MARGIN, TaxelLevels};
 pub use low_pass::{LowPass, LowPassState};
 pub use noise::NoiseWatch;

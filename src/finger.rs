@@ -21,8 +21,8 @@ mod slip;
 
 use crate::calibration::{Calibration, CalibrationError, Range};
 use crate::condition::{
-    Bias, BiasRefusal, BiasTaker, Health, Levels, LowPass, LowPassState, NoiseWatch, Signals,
-    Stuck, StuckWatch, Thermometer, Warm,
+    Bias, BiasRefusal, BiasTaker, Drift, Health, LagState, Levels, LowPass, LowPassState,
+    NoiseWatch, Signals, Stuck, StuckWatch, Thermometer, Warm,
 };
 use crate::estimate::contact_point::PointMethod;
 use crate::estimate::gate::{Gate, GateState, unmistakable};
@@ -34,7 +34,7 @@ use crate::scan::{Codes, SENSORS, Scan};
 use crate::units::{Micros, NewtonMillimetres};
 use fusion::{ArrayEstimate, Fused};
 use matrix::{MatrixState, OpticalEstimate, OpticalInput};
-pub use matrix::{PLACE_ERROR, SKIN_ERROR};
+pub use matrix::{PLACE_ERROR, SKIN_ERROR, UNSURE_PLACE};
 use no_contact::no_contact;
 use slip::{Grip, GripState};
 
@@ -66,9 +66,17 @@ pub struct FingerState {
     noise: NoiseWatch,
     thermometer: Thermometer,
     taker: Option<BiasTaker>,
-    smooth: LowPassState,
+    filters: Filters,
     matrix: MatrixState,
     grip: GripState,
+}
+
+/// Filters of the signals, which forget them when the bias changes.
+#[derive(Clone, Debug, Default)]
+struct Filters {
+    drift: Drift,
+    lag: LagState,
+    smooth: LowPassState,
 }
 
 /// All estimates of one scan.
@@ -252,7 +260,7 @@ impl Finger {
     pub fn restore_bias(&self, state: &mut FingerState, bias: Bias) {
         state.bias = bias;
         state.biased = true;
-        state.smooth = LowPassState::default();
+        state.filters = Filters::default();
     }
 
     /// Drops a bias taken on command and activates the calibration's own.
@@ -260,7 +268,7 @@ impl Finger {
         state.bias = self.own_bias();
         state.biased = false;
         state.taker = None;
-        state.smooth = LowPassState::default();
+        state.filters = Filters::default();
     }
 
     fn own_bias(&self) -> Bias {
@@ -292,15 +300,17 @@ impl Finger {
         let healthy = healthy.map(|taxels| &taxels.bias.level);
         let signals = &mut estimate.signals;
         let bias = if state.taker.is_some() {
-            let levels = Levels::at_reference(&scan.codes, warm);
-            let bias = advance_bias(state, &levels);
+            let bias = advance_bias(state, &Levels::at_reference(&scan.codes, warm, 1.0));
+            let light = state.filters.drift.gain();
+            let levels = Levels::at_reference(&scan.codes, warm, light);
             *signals = state.bias.apply(&levels, healthy);
             if let Some((warmth, level)) = warm {
                 warmth.scale(signals, level);
             }
             bias
         } else {
-            state.bias.direct(&scan.codes, healthy, warm, signals);
+            let light = state.filters.drift.gain();
+            state.bias.direct(&scan.codes, healthy, warm, light, signals);
             None
         };
         let stuck = state.stuck.update(&scan.codes);
@@ -309,8 +319,9 @@ impl Finger {
         if scan.lost > 0 {
             state.noise.interrupt();
         }
+        let passed = scan.time.since(state.time);
         // An overloaded finger would not recover if each lost scan made the next fit longer.
-        if scan.lost > 0 && scan.time.since(state.time) > FOLLOWED_US {
+        if scan.lost > 0 && passed > FOLLOWED_US {
             state.matrix.interrupt();
         }
         state.time = scan.time;
@@ -327,14 +338,30 @@ impl Finger {
         flag(&mut status, Status::DEAD_TAXEL, signals.health.dead != 0);
         flag(&mut status, Status::BRIDGE_FAULT, signals.health.bridge_faults != 0);
 
-        let above = state.bias.exceeded(signals, self.gate.threshold(&state.gate));
+        // A faulty channel may read anything.
+        let sound = signals.health == Health::default();
+        let drifts = self.calibration.as_ref().and_then(Calibration::drift).filter(|_| sound);
+        let factor2 = self.gate.threshold(&state.gate);
+        let whole = signals.taxels;
+        let share = match (drifts, &mut signals.taxels, &state.bias.taxels) {
+            (Some(drifts), Some(c), Some(bias)) => {
+                drifts.split(&state.filters.drift, c, bias, factor2)
+            }
+            _ => None,
+        };
+        let above = state.bias.exceeded(signals, factor2);
         let before = state.gate.contact();
         let contact = self.gate.update_at_once(&mut state.gate, above, || {
-            // A faulty channel may read anything.
-            let sound = signals.health == Health::default();
             let matrix = signals.taxels.as_ref().zip(state.bias.taxels.as_ref()).filter(|_| sound);
             matrix.map_or(0.0, |(c, bias)| unmistakable(c, bias.noise))
         });
+        signals.taxels = whole;
+        if contact {
+            state.filters.drift.freeze();
+        } else if let (Some(drifts), Some(share)) = (drifts, share) {
+            drifts.follow(&mut state.filters.drift, share, passed);
+        }
+        flag(&mut status, Status::RAN_DRIFT, share.is_some());
         flag(&mut status, Status::CONTACT, contact);
         if contact != before {
             state.contact_changed(contact, scan.time);
@@ -344,8 +371,12 @@ impl Finger {
         // vibration lies above any filter's corner.
         let record = self.calibration.as_ref();
         let slip = state.grip.listen(record, scan.time, signals);
+        if let Some(lag) = record.and_then(Calibration::lag) {
+            lag.advance(&mut state.filters.lag, passed, signals);
+            status.insert(Status::RAN_LAG);
+        }
         if let Some(filter) = &self.filter {
-            filter.smooth(&mut state.smooth, signals);
+            filter.smooth(&mut state.filters.smooth, signals);
         }
         estimate.time = scan.time;
         estimate.status = status;
@@ -468,7 +499,7 @@ fn advance_bias(state: &mut FingerState, levels: &Levels) -> Option<Result<(), B
     Some(outcome.map(|taken| {
         state.bias = taken.bias;
         state.biased = true;
-        state.smooth = LowPassState::default();
+        state.filters = Filters::default();
     }))
 }
 

@@ -65,6 +65,8 @@ enum taxel_why {
 #define TAXEL_STATUS_RAN_SLIP (UINT32_C(1) << 24)
 #define TAXEL_STATUS_RAN_QUANTISED (UINT32_C(1) << 25)
 #define TAXEL_STATUS_RAN_WARMTH (UINT32_C(1) << 26)
+#define TAXEL_STATUS_RAN_LAG (UINT32_C(1) << 27)
+#define TAXEL_STATUS_RAN_DRIFT (UINT32_C(1) << 28)
 /* schema: end */
 
 /* A measured value; `value` is 0 where it is not given. */

@@ -9,11 +9,13 @@ use serde::Deserialize;
 
 use super::section::{Checks, Coefficients, Part, bounded};
 use super::{Range, SensorCalibration, TaxelCalibration};
-use crate::condition::{Bias, NOISE_LIMIT, TemperatureCompensation};
+use crate::condition::{
+    Bias, DriftCompensation, LagCompensation, NOISE_LIMIT, TemperatureCompensation,
+};
 use crate::estimate::array::{Array, WrenchMethod};
 use crate::estimate::field::TERMS;
 use crate::estimate::intrinsic::Surface;
-use crate::estimate::inverse::Inverse;
+use crate::estimate::inverse::{Centres, Inverse};
 use crate::estimate::net::{ForceNet, HUGE};
 use crate::estimate::quantised::{Group, QuantisedNet, Rows};
 use crate::estimate::slip::Slip;
@@ -24,6 +26,8 @@ use crate::scan::TAXELS;
 const MOST_SENSITIVE: f32 = 1e6;
 /// Farthest position of a force sensor in mm.
 const FARTHEST: f32 = 1e3;
+/// Farthest centre of a facet in mm.
+const FARTHEST_FACET: f32 = 10.0;
 /// Largest end of a signal's range, as a fraction of full scale. Signals stay within 100, even of
 /// a bridge with the largest offset per temperature.
 const WIDEST: f32 = 100.0;
@@ -75,6 +79,7 @@ section! { Inverse, needs_taxels: true {
     "slip": field.slip => |slip| slip.abs() <= 1.0;
     "error": error => |error| (1e-9..1.0).contains(&error[0]) && (0.0..1.0).contains(&error[1]);
     "friction": shear, friction => |_shear, friction| (0.01..10.0).contains(friction);
+    "centres": centres => |centres| bounded(centres.0.as_flattened(), FARTHEST_FACET);
 }}
 
 section! { Slip {
@@ -91,6 +96,15 @@ section! { TemperatureCompensation {
     "range": range => |range| ranges_fit(&[*range]);
     "light, sensitivity": light, sensitivity => |light, bridges| TemperatureCompensation::shares_fit(&[*light, *bridges]);
     "offset": offset => |offset| offset.as_flattened().iter().all(|offset| offset.abs() <= 1e3);
+}}
+
+section! { LagCompensation {
+    "taxels": taxels => |lag| LagCompensation::fits(*lag);
+    "sensors": sensors => |lag| LagCompensation::fits(*lag);
+}}
+
+section! { DriftCompensation {
+    "most": most => |most| DriftCompensation { most: *most }.fits();
 }}
 
 section! { Array {
@@ -219,6 +233,17 @@ impl<const N: usize> Part for [f32; N] {
 impl<const N: usize, const M: usize> Part for [[f32; N]; M] {
     fn read<'b>(&mut self, bytes: &'b [u8]) -> Option<&'b [u8]> {
         read_numbers(self.as_flattened_mut(), bytes)
+    }
+}
+
+/// A record without centres has the drawing's.
+impl Part for Centres {
+    fn read<'b>(&mut self, bytes: &'b [u8]) -> Option<&'b [u8]> {
+        if bytes.is_empty() {
+            *self = Self::default();
+            return Some(bytes);
+        }
+        self.0.read(bytes)
     }
 }
 

@@ -2,7 +2,7 @@ use super::*;
 use crate::estimate::array::WrenchMethod;
 use crate::estimate::field::{Field, Radial};
 use crate::estimate::intrinsic::Surface;
-use crate::estimate::inverse::Curves;
+use crate::estimate::inverse::{Centres, Curves};
 use crate::estimate::net::{ForceNet, Layers, Unit};
 use crate::estimate::quantised::{QuantisedNet, Rows};
 use crate::estimate::wrench::{SensorPlaces, WrenchMatrix};
@@ -40,6 +40,7 @@ fn largest() -> Calibration {
             error: [1e-3, 2e-3],
             shear: true,
             friction: 0.8,
+            centres: Centres([[0.5; 2]; TAXELS]),
         }),
         slip: Some(Slip::usual(0.8)),
         warmth: Some(TemperatureCompensation {
@@ -49,6 +50,8 @@ fn largest() -> Calibration {
             sensitivity: -4.4,
             offset: [[0.05, -0.02, 0.01]; SENSORS],
         }),
+        lag: Some(LagCompensation { taxels: 4.36e-3, sensors: 3.98e-3 }),
+        drift: Some(DriftCompensation { most: 0.05 }),
         sensors: core::array::from_fn(|_| Some(sensor.clone())),
         array: Some(Array {
             method: WrenchMethod::Matrix(WrenchMatrix([[[0.5; 3]; SENSORS]; 6])),

@@ -9,25 +9,26 @@ use crate::units::Code;
 
 impl Bias {
     /// Converts one scan into `signals`, as [`Self::apply`] does with [`Levels::at_reference`], at
-    /// the force sensors' calibrated sensitivity.
+    /// the force sensors' calibrated sensitivity. `gain` is the factor of the light.
     #[inline(never)]
     pub fn direct(
         &self,
         codes: &Codes,
         healthy: Option<&TaxelLevels>,
         warm: Option<Warm<'_>>,
+        gain: f32,
         signals: &mut Signals,
     ) {
         let (Some(taxels), Some(bias)) = (&codes.taxels, &self.taxels) else {
-            return self.by_levels(codes, healthy, warm, signals);
+            return self.by_levels(codes, healthy, warm, gain, signals);
         };
         let step = codes.full_scale.step().0;
         let change = warm.map(|(warmth, level)| (warmth, warmth.change(level)));
-        let brighter = change.map_or(1.0, |(warmth, change)| warmth.brighter(change));
+        let brighter = change.map_or(gain, |(warmth, change)| warmth.brighter(change) * gain);
         let levels = [&bias.level, healthy.unwrap_or(&bias.level)];
         let c = signals.taxels.get_or_insert([0.0; TAXELS]);
         if !matrix(taxels, levels, c, [step, brighter], codes.full_scale.clipped()) {
-            return self.by_levels(codes, healthy, warm, signals);
+            return self.by_levels(codes, healthy, warm, gain, signals);
         }
         let bridge_faults = self.bridges(codes, step, change, &mut signals.bridges);
         signals.health = Health { bridge_faults, ..Health::default() };
@@ -73,9 +74,10 @@ impl Bias {
         codes: &Codes,
         healthy: Option<&TaxelLevels>,
         warm: Option<Warm<'_>>,
+        gain: f32,
         signals: &mut Signals,
     ) {
-        *signals = self.apply(&Levels::at_reference(codes, warm), healthy);
+        *signals = self.apply(&Levels::at_reference(codes, warm, gain), healthy);
         if let Some((warmth, level)) = warm {
             warmth.scale(signals, level);
         }
@@ -169,6 +171,7 @@ mod tests {
             bias in bias(),
             healthy in prop::option::of([(); TAXELS].map(|()| 0.2f32..0.8)),
             kelvin in prop::option::of(-80.0f32..80.0),
+            gain in prop_oneof![Just(1.0f32), 0.9f32..1.1],
         ) {
             let warmth = TemperatureCompensation {
                 reference: 0.23,
@@ -181,8 +184,8 @@ mod tests {
             // The second scan must not depend on signals left by the first.
             let mut signals = Signals::default();
             for codes in scans {
-                bias.direct(&codes, healthy.as_ref(), warm, &mut signals);
-                let levels = Levels::at_reference(&codes, warm);
+                bias.direct(&codes, healthy.as_ref(), warm, gain, &mut signals);
+                let levels = Levels::at_reference(&codes, warm, gain);
                 let mut step_by_step = bias.apply(&levels, healthy.as_ref());
                 if let Some((warmth, level)) = warm {
                     warmth.scale(&mut step_by_step, level);

@@ -68,13 +68,15 @@ impl Levels {
         levels
     }
 
-    /// Returns the levels of a scan, corrected to the temperature of the calibration.
+    /// Returns the levels of a scan, corrected to the temperature of the calibration, with the light
+    /// multiplied by `gain`.
     #[must_use]
     #[inline(never)]
-    pub fn at_reference(codes: &Codes, warm: Option<Warm<'_>>) -> Self {
+    pub fn at_reference(codes: &Codes, warm: Option<Warm<'_>>, gain: f32) -> Self {
         let mut levels = Self::read(codes);
-        if let Some((warmth, level)) = warm {
-            warmth.correct(&mut levels, level);
+        match warm {
+            Some((warmth, level)) => warmth.correct(&mut levels, level, gain),
+            None => levels.taxels.iter_mut().flatten().for_each(|level| *level *= gain),
         }
         levels
     }

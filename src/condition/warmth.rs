@@ -62,11 +62,11 @@ impl TemperatureCompensation {
     }
 
     /// Corrects levels to the reference: light by its relative change, bridge outputs by their
-    /// offsets.
-    pub fn correct(&self, levels: &mut Levels, level: f32) {
+    /// offsets. `gain` is a further factor of the light.
+    pub fn correct(&self, levels: &mut Levels, level: f32, gain: f32) {
         let change = self.change(level);
         if let Some(taxels) = &mut levels.taxels {
-            let brighter = self.brighter(change);
+            let brighter = self.brighter(change) * gain;
             taxels.iter_mut().for_each(|level| *level *= brighter);
         }
         for (bridge, offset) in levels.bridges.iter_mut().zip(&self.offset) {
@@ -150,7 +150,7 @@ mod tests {
         for bridge in warm.bridges.iter_mut().flatten() {
             bridge.iter_mut().zip([0.3, -0.2, 0.5]).for_each(|(u, offset)| *u += offset * change);
         }
-        WARMTH.correct(&mut warm, at(8.0));
+        WARMTH.correct(&mut warm, at(8.0), 1.0);
         let bias = Bias::default();
         assert_eq!(bias.apply(&warm, None).health, bias.apply(&cold, None).health);
         let pairs = warm.taxels.unwrap().into_iter().zip(cold.taxels.unwrap());
@@ -196,7 +196,7 @@ mod tests {
             prop_assume!(TemperatureCompensation::shares_fit(&[warmth.light, warmth.sensitivity]));
             let mut levels = Levels { taxels: Some([1.0; 16]), ..Levels::default() };
             levels.bridges = [Some([1.0; 3]); SENSORS];
-            warmth.correct(&mut levels, level);
+            warmth.correct(&mut levels, level, 1.0);
             prop_assert!(levels.taxels.iter().flatten().all(|l| l.is_finite()));
             prop_assert!(levels.bridges.iter().flatten().flatten().all(|u| u.is_finite()));
             prop_assert!(warmth.gain(level).is_finite());

@@ -17,6 +17,12 @@ use crate::scan::{COLS, ROWS, TAXEL_CENTRES, TAXELS};
 /// Steps in the first scan of a contact. Later scans take one: from the last contact it practically
 /// converges at a kilohertz.
 const FIRST_STEPS: usize = 3;
+/// First scan of a contact in which it is compared with its mirror image; further ones are those
+/// of twice, four times … its number.
+const FIRST_COMPARED: u16 = 4;
+/// Steps of the mirror image, and its largest misfit as a share of the contact's own.
+const MIRRORED_STEPS: usize = 3;
+const CLEARLY: f32 = 0.8;
 /// Least s of a contact: f_z of 1 mN.
 const LEAST_SIZE: f32 = 0.1;
 /// Largest s: f_z of 27 N, beyond the range of any sensor of [DeMaria2011] or [Ospina2017].
@@ -26,6 +32,8 @@ const POINT_STEP: f32 = 1.0;
 const SIZE_STEP: f32 = 0.3;
 /// Farthest contact position in mm: the pad ends at 5.
 const FARTHEST: f32 = 7.0;
+/// Contact position in mm that no touch of the pad has.
+const OFF_PAD: f32 = 6.0;
 /// Largest friction coefficient of rubber.
 const MOST_FRICTION: f32 = 2.0;
 /// Prior mean and standard deviation of the friction utilisation: even between 0 and 1.
@@ -64,6 +72,25 @@ impl Curves {
     }
 }
 
+/// Centre of each facet in mm. Parts are placed to a tenth of a millimetre, and beside its frame a
+/// skin acts as if facets were nearer to the middle.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Centres(pub [[f32; 2]; TAXELS]);
+
+impl Default for Centres {
+    fn default() -> Self {
+        Self(TAXEL_CENTRES.map(|centre| centre.map(|c| c.0)))
+    }
+}
+
+impl Centres {
+    /// Returns whether all facets are where the drawing has them.
+    #[must_use]
+    pub fn are_nominal(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
 /// Coefficients of the inverse for one finger.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Inverse {
@@ -78,6 +105,9 @@ pub struct Inverse {
     pub shear: bool,
     /// Friction coefficient of the object that touched the finger in calibration.
     pub friction: f32,
+    /// Centres of the facets; a record without them has the drawing's.
+    #[serde(default, skip_serializing_if = "Centres::are_nominal")]
+    pub centres: Centres,
 }
 
 /// State of the inverse: the contact of the last scan.
@@ -86,6 +116,8 @@ pub struct InverseState {
     last: Option<Load>,
     /// Whether scans were lost since `last`.
     old: bool,
+    /// Number of scans of this contact.
+    scans: u16,
 }
 
 /// Shear as measured by other sensors.
@@ -144,12 +176,18 @@ impl ContactFit {
     fn is_sound(&self) -> bool {
         self.misfit < f32::MAX && self.sigma.iter().all(|sigma| *sigma < f32::MAX)
     }
+
+    /// Returns whether a touch of the pad can be there.
+    #[must_use]
+    pub fn is_on_pad(&self) -> bool {
+        self.load.point.iter().all(|at| at.abs() < OFF_PAD)
+    }
 }
 
 impl InverseState {
     /// Forgets the contact.
     pub fn clear(&mut self) {
-        self.last = None;
+        *self = Self::default();
     }
 
     /// Marks lost scans, after which one step may not reach the new contact.
@@ -185,7 +223,42 @@ impl Inverse {
         if !self.shear {
             return Err(NoValue::NotEstimated);
         }
-        self.find(state, u, |inverse, load, u| inverse.sheared_step(load, u, measured))
+        let found =
+            self.find(state, u, |inverse, load, u| inverse.sheared_step(load, u, measured))?;
+        if state.scans < FIRST_COMPARED || !state.scans.is_power_of_two() {
+            return Ok(found);
+        }
+        let rival = self.mirrored(&found, u, measured).unwrap_or(found);
+        state.last = Some(rival.load);
+        Ok(rival)
+    }
+
+    /// Returns the contact on the other side, if it explains the displacements better.
+    ///
+    /// A contact that is sheared to the right acts much like one that lies further right and is
+    /// sheared to the left. Where the skin is shallow, both are minima, and a light touch may begin
+    /// in the wrong one.
+    #[cold]
+    #[inline(never)]
+    fn mirrored(
+        &self,
+        found: &ContactFit,
+        u: &[f32; TAXELS],
+        measured: Option<ShearPrior>,
+    ) -> Option<ContactFit> {
+        let (mut sum, mut x, mut y) = (f32::MIN_POSITIVE, 0.0, 0.0);
+        for (u, [cx, cy]) in u.iter().zip(&self.centres.0) {
+            let weight = square(u.max(0.0));
+            sum += weight;
+            x += weight * cx;
+            y += weight * cy;
+        }
+        let ([px, py], [fx, fy]) = (found.load.point, found.load.shear);
+        let point = [2.0 * x / sum - px, 2.0 * y / sum - py];
+        let mut load = Load { point, shear: [-fx, -fy], used: USED[0], ..found.load };
+        let step = |_, _| self.sheared_step(&mut load, u, measured);
+        let rival = (0..MIRRORED_STEPS).fold(None, step).filter(ContactFit::is_sound)?;
+        (rival.is_on_pad() && rival.misfit < CLEARLY * found.misfit).then_some(rival)
     }
 
     fn find(
@@ -201,7 +274,8 @@ impl Inverse {
         let found =
             start.and_then(|mut load| (0..steps).fold(None, |_, _| step(self, &mut load, u)));
         let sound = found.filter(ContactFit::is_sound);
-        *state = InverseState { last: sound.map(|touch| touch.load), old: false };
+        let scans = if sound.is_some() { state.scans.saturating_add(1) } else { 0 };
+        *state = InverseState { last: sound.map(|touch| touch.load), old: false, scans };
         sound.ok_or(NoValue::IllConditioned)
     }
 
@@ -210,11 +284,11 @@ impl Inverse {
     #[inline(never)]
     fn start(&self, u: &[f32; TAXELS]) -> Option<Load> {
         let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);
-        for (u, centre) in u.iter().zip(&TAXEL_CENTRES) {
+        for (u, [cx, cy]) in u.iter().zip(&self.centres.0) {
             let weight = u.max(0.0);
             sum += weight;
-            x += weight * centre[0].0;
-            y += weight * centre[1].0;
+            x += weight * cx;
+            y += weight * cy;
         }
         if !(sum > f32::MIN_POSITIVE && sum < f32::MAX) {
             return None;
@@ -222,7 +296,7 @@ impl Inverse {
         let newton =
             Load { size: 1.0, point: [x / sum, y / sum], used: USED[0], ..Load::default() };
         let around = self.field.around(&newton);
-        let whole = TAXEL_CENTRES.iter().fold(0.0, |sum, c| sum + around.pressed(place(c)).0);
+        let whole = self.centres.0.iter().fold(0.0, |sum, c| sum + around.pressed(*c).0);
         let force = if whole > f32::MIN_POSITIVE { sum / whole } else { 0.0 };
         let size = crate::math::cube_root(force).clamp(LEAST_SIZE, MOST_SIZE);
         Some(Load { size, ..newton })
@@ -261,8 +335,8 @@ impl Inverse {
         let mut normal = Normal::<3>::EMPTY;
         let mut squares = 0.0;
         let around = self.field.around(load);
-        for (u, centre) in u.iter().zip(&TAXEL_CENTRES) {
-            let (model, row) = around.pressed(place(centre));
+        for (u, centre) in u.iter().zip(&self.centres.0) {
+            let (model, row) = around.pressed(*centre);
             let left = u - model;
             squares += left * left;
             normal.add(&row, left);
@@ -290,8 +364,8 @@ impl Inverse {
         let mut normal = Normal::<6>::EMPTY;
         let mut squares = 0.0;
         let around = self.field.around(load);
-        for (u, centre) in u.iter().zip(&TAXEL_CENTRES) {
-            let (model, row) = around.sheared(place(centre));
+        for (u, centre) in u.iter().zip(&self.centres.0) {
+            let (model, row) = around.sheared(*centre);
             let left = u - model;
             squares += left * left;
             normal.add(&row, left);
@@ -364,10 +438,6 @@ fn square(x: f32) -> f32 {
     x * x
 }
 
-fn place(centre: &[crate::units::Millimetres; 2]) -> [f32; 2] {
-    centre.map(|c| c.0)
-}
-
 #[cfg(test)]
 pub(super) mod tests {
     use super::super::field::tests::HALF_SPACE;
@@ -381,12 +451,13 @@ pub(super) mod tests {
             error: [2e-4, 2e-4],
             shear: true,
             friction: 0.8,
+            centres: Centres::default(),
         }
     }
 
     pub(crate) fn displaced(load: &Load) -> [f32; TAXELS] {
         let around = HALF_SPACE.around(load);
-        TAXEL_CENTRES.map(|c| around.sheared(place(&c)).0)
+        Centres::default().0.map(|c| around.sheared(c).0)
     }
 
     /// Returns the contact after twelve scans. A shear of two thirds of the normal force near the

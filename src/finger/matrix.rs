@@ -43,6 +43,8 @@ pub const SKIN_ERROR: f32 = 0.05;
 /// Uncertainty of a contact position in mm, beyond its covariance. Another indenter or shear
 /// displaces the position by so much.
 pub const PLACE_ERROR: f32 = 0.05;
+/// Standard deviation of a contact position in mm from which it is withheld.
+pub const UNSURE_PLACE: f32 = 0.5;
 /// Shear that counts as none: a floor in newtons and a share of the normal force.
 const UNSEEN_SHEAR: [f32; 2] = [0.005, 0.01];
 
@@ -113,6 +115,8 @@ impl OpticalInput<'_> {
             (Ok(()), Some(model)) => Some(self.model(model, state, status)),
             _ => None,
         };
+        // A position that the model cannot tell is not left to a worse method.
+        let placed = modelled.is_some();
         let mut optical = match (force, modelled) {
             (Err(reason), _) => OpticalEstimate::nothing(reason),
             (Ok(()), Some(optical)) if self.method == PointMethod::Model => optical,
@@ -140,7 +144,7 @@ impl OpticalInput<'_> {
                 }
             }
         };
-        if self.method != PointMethod::Model || optical.point.is_err() {
+        if self.method != PointMethod::Model || !placed {
             optical.point = self.paper_point(status).map(|point| {
                 [point.x.0, point.y.0].map(|value| Gaussian { value, sigma: CENTROID_ERROR })
             });
@@ -207,6 +211,11 @@ impl OpticalInput<'_> {
         } else {
             state.pair.clear();
         }
+        if !touch.is_on_pad() {
+            // The search begins again.
+            state.model.clear();
+            return OpticalEstimate::nothing(NoValue::IllConditioned);
+        }
         one(&touch, sheared, model.shear)
     }
 }
@@ -235,9 +244,11 @@ fn one(touch: &ContactFit, sheared: bool, shear: bool) -> OpticalEstimate {
         (true, true) => [Ok(of(fx, sx)), Ok(of(fy, sy))],
     };
     let [at_x, at_y] = touch.load.point;
+    let known = px < UNSURE_PLACE && py < UNSURE_PLACE;
+    let place = [of(at_x, px + PLACE_ERROR), of(at_y, py + PLACE_ERROR)];
     OpticalEstimate {
         force: [x, y, Ok(of(fz, sz + SKIN_ERROR * fz))],
-        point: Ok([of(at_x, px + PLACE_ERROR), of(at_y, py + PLACE_ERROR)]),
+        point: if known { Ok(place) } else { Err(NoValue::IllConditioned) },
         ring: sheared.then_some(touch.ring),
         contacts: Err(NoValue::NotEstimated),
         misfit: Ok(touch.misfit),

@@ -196,6 +196,8 @@ macro_rules! status_bits {
                 RAN_SLIP 24 "ran-slip" cfg!(feature = "slip"), "slip was judged"
                 RAN_QUANTISED 25 "ran-quantised-net" cfg!(feature = "quantised"), "the force net in 16 bits ran"
                 RAN_WARMTH 26 "ran-warmth" cfg!(feature = "warmth"), "the effect of temperature was taken off"
+                RAN_LAG 27 "ran-lag" cfg!(feature = "lag"), "the lag of skin and force sensors was compensated"
+                RAN_DRIFT 28 "ran-drift" cfg!(feature = "drift"), "a drift of the light was compensated"
             }
         }
     };

@@ -243,7 +243,10 @@ fn contact_runs_all_sections_and_sets_their_status() {
     let (finger, mut state) = Finger::new(Some(everything()));
     let quiet = settled(&finger, &mut state, &unloaded(0));
     assert_eq!(quiet.force, Force::known(0.0, 0.0, 0.0));
-    assert_eq!(quiet.status, Status::RAN_SENSORS | Status::RAN_WARMTH);
+    assert_eq!(
+        quiet.status,
+        Status::RAN_SENSORS | Status::RAN_WARMTH | Status::RAN_LAG | Status::RAN_DRIFT
+    );
     assert_eq!(quiet.slip, Err(NoValue::NoContact));
     // The force sensors measure none of this press. They contradict the matrix, whose error is
     // larger.
@@ -253,8 +256,8 @@ fn contact_runs_all_sections_and_sets_their_status() {
     }
     assert!(!pressed.status.contains(Status::RAN_NET));
     assert!(!pressed.status.contains(Status::RAN_CENTROID));
-    let point = pressed.point.unwrap();
-    assert!((point.x.0 - 1.25).abs() < 0.3 && (point.y.0 + 1.25).abs() < 0.3, "{point:?}");
+    // A dent of one taxel alone is no contact of this model, which cannot place it.
+    assert_eq!(pressed.point, Err(NoValue::IllConditioned));
 }
 
 #[test]

@@ -7,13 +7,15 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use taxel::calibration::TaxelCalibration;
 use taxel::calibration::{Calibration, CalibrationError, Range, SensorCalibration};
-use taxel::condition::{BridgeBias, LowPass, TaxelBias, TemperatureCompensation};
+use taxel::condition::{
+    BridgeBias, DriftCompensation, LagCompensation, LowPass, TaxelBias, TemperatureCompensation,
+};
 use taxel::estimate::ContactPoint;
 use taxel::estimate::array::{Array, WrenchMethod};
 use taxel::estimate::contact_point::PointMethod;
 use taxel::estimate::field::{Field, Radial};
 use taxel::estimate::intrinsic::Surface;
-use taxel::estimate::inverse::{Curves, Inverse};
+use taxel::estimate::inverse::{Centres, Curves, Inverse};
 use taxel::estimate::limit_surface::LimitSurface;
 use taxel::estimate::net::{ForceNet, Unit};
 use taxel::estimate::quantised::{Group, Net, QuantisedNet, Rows};
@@ -131,6 +133,7 @@ impl Draw {
             error: [self.between(1e-9, 0.999), self.between(1e-9, 0.999)],
             shear: self.one_in(2),
             friction: self.between(0.01, 9.99),
+            centres: if self.one_in(2) { Centres::default() } else { Centres(self.rows(10.0)) },
         }
     }
 
@@ -156,6 +159,10 @@ impl Draw {
             sensitivity: self.signed(10.9),
             offset: self.rows(1e3),
         }
+    }
+
+    fn lag(&mut self) -> LagCompensation {
+        LagCompensation { taxels: self.between(1e-6, 0.05), sensors: self.between(1e-6, 0.05) }
     }
 
     fn sensor(&mut self) -> SensorCalibration {
@@ -193,6 +200,8 @@ impl Draw {
             model: (!self.one_in(3)).then(|| self.model()),
             slip: (!self.one_in(4)).then(|| self.slip()),
             warmth: self.one_in(2).then(|| self.warmth()),
+            lag: self.one_in(2).then(|| self.lag()),
+            drift: self.one_in(2).then(|| DriftCompensation { most: self.between(1e-6, 0.2) }),
             array: (!self.one_in(3)).then(|| self.array()),
             sensors: core::array::from_fn(|_| self.one_in(2).then(|| self.sensor())),
             ..Calibration::EMPTY

@@ -60,7 +60,7 @@ fn conditioning(inputs: &Inputs<'_>, calibration: &Calibration, meter: &mut impl
         &mut Signals::default(),
         |(bias, warmth), codes, out| {
             let healthy = bias.taxels.as_ref().map(|taxels| &taxels.level);
-            bias.direct(codes, healthy, Some((warmth, 0.25)), out);
+            bias.direct(codes, healthy, Some((warmth, 0.25)), 1.0, out);
         },
     );
     let levels = codes.map(|codes| Levels::read(&codes));
@@ -73,7 +73,7 @@ fn conditioning(inputs: &Inputs<'_>, calibration: &Calibration, meter: &mut impl
         first,
         |(warmth, out), levels, first| {
             *out = *levels;
-            warmth.correct(out, 0.25);
+            warmth.correct(out, 0.25, 1.0);
             *first = out.taxels.map(|taxels| taxels[0]);
         },
     );

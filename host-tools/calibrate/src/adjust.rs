@@ -127,7 +127,7 @@ pub fn adjust(
     for recording in recordings {
         let bias = recording.bias(warmth)?;
         let own = renewed(calibration, &bias);
-        let signals = recording.signals(&bias, warmth);
+        let signals = recording.compensated(&bias, calibration);
         presses.extend(contacts(&own, recording).map(|rows| press(&signals, recording, rows)));
     }
     presses.retain(|press: &Press| !press.is_empty());

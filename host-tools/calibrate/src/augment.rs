@@ -11,7 +11,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use taxel::estimate::field::Load;
 use taxel::estimate::inverse::Inverse;
-use taxel::scan::{TAXEL_CENTRES, TAXELS};
+use taxel::scan::TAXELS;
 
 use crate::inverse::{Row, neighbours};
 use crate::skin::Skin;
@@ -91,8 +91,7 @@ fn signals(model: &Inverse, force: [f64; 3], point: [f64; 2]) -> Option<[f64; TA
     let around = model.field.around(&load);
     let mut own = SVector::<f64, TAXELS>::zeros();
     let mut stray = SMatrix::<f64, TAXELS, TAXELS>::identity();
-    for (k, centre) in TAXEL_CENTRES.iter().enumerate() {
-        let facet = [centre[0].0, centre[1].0];
+    for (k, facet) in model.centres.0.into_iter().enumerate() {
         let sinks = if model.shear { around.sheared(facet).0 } else { around.pressed(facet).0 };
         own[k] = signal_of(f64::from(sinks), model.curves.gap.get(k)?)?;
         for (neighbour, share) in neighbours(k).into_iter().zip(model.curves.stray.get(k)?) {
@@ -128,7 +127,7 @@ fn signal_of(displacement: f64, curve: &[f32; 5]) -> Option<f64> {
 mod tests {
     use super::*;
     use taxel::estimate::field::{Field, Radial};
-    use taxel::estimate::inverse::Curves;
+    use taxel::estimate::inverse::{Centres, Curves};
     use taxel::estimate::net::ForceNet;
 
     /// A half-space under curves that flatten, with stray light.
@@ -148,6 +147,7 @@ mod tests {
             error: [1e-4, 1e-3],
             shear: true,
             friction: 0.6,
+            centres: Centres::default(),
         }
     }
 
@@ -165,8 +165,8 @@ mod tests {
             used: 0.05f32.sqrt() / 0.54,
         };
         let around = model.field.around(&load);
-        for (u, centre) in u.iter().zip(&TAXEL_CENTRES) {
-            let (wanted, _) = around.sheared([centre[0].0, centre[1].0]);
+        for (u, centre) in u.iter().zip(model.centres.0) {
+            let (wanted, _) = around.sheared(centre);
             assert!((u - wanted).abs() < 1e-4, "{u} {wanted}");
         }
     }

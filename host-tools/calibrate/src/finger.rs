@@ -13,11 +13,13 @@ use std::collections::HashSet;
 use std::sync::atomic::AtomicBool;
 
 use taxel::calibration::Calibration;
+use taxel::condition::DriftCompensation;
 use taxel::estimate::quantised::Net;
 use taxel::estimate::slip::Slip;
 use taxel::scan::SENSORS;
 
 use crate::array;
+use crate::lag;
 use crate::limit_surface;
 pub use crate::prepared::Subject;
 use crate::prepared::{Loads, Prepared};
@@ -34,6 +36,8 @@ use taxel_regress::training::Chosen;
 
 /// Default friction coefficient of rubber.
 const USUAL_FRICTION: f32 = 0.6;
+/// Largest common share of the light that is taken for a drift: 10 K of LEDs.
+const MOST_DRIFT: f32 = 0.05;
 /// Exponent of Hertz's pressure in the power law of [Ospina2017].
 const HERTZ: f64 = 2.0;
 
@@ -154,7 +158,7 @@ pub fn fit_keeping(
         .iter()
         .filter(|recording| !warmth::is_warm_up(recording))
         .map(|recording| Prepared::new(recording, warmth.as_ref()));
-    let (recordings, off): (Vec<Prepared<'_>>, Vec<Option<String>>) =
+    let (mut recordings, off): (Vec<Prepared<'_>>, Vec<Option<String>>) =
         prepared.collect::<Result<Vec<_>, _>>()?.into_iter().unzip();
     warnings.extend(off.into_iter().flatten());
     if recordings.is_empty() {
@@ -167,17 +171,29 @@ pub fn fit_keeping(
             subject => subject,
         })
         .collect();
+    let mut compensation = Calibration { warmth, ..Calibration::default() };
+    let lit = recordings.iter().any(|recording| recording.bias.taxels.is_some());
+    if lit && !options.net_only {
+        compensation.drift = Some(DriftCompensation { most: MOST_DRIFT });
+        recordings.iter_mut().for_each(|recording| recording.compensate(&compensation));
+    }
+    if !options.net_only {
+        compensation.lag = lag::fit(&recordings, &subjects);
+    }
+    if compensation.lag.is_some() {
+        recordings.iter_mut().for_each(|recording| recording.compensate(&compensation));
+    }
+    let told = compensation.lag.map(lag::told);
     let mut fitted = Fitted {
         calibration: Calibration {
             serial: options.serial.clone(),
             date: options.date,
-            warmth,
-            ..Calibration::default()
+            ..compensation
         },
         warnings,
         parts: Vec::new(),
         channels: Vec::new(),
-        choices: Vec::new(),
+        choices: told.into_iter().collect(),
     };
     stage("force sensors");
     for sensor in 0..SENSORS {

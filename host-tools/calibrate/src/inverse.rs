@@ -1,7 +1,7 @@
 //! Fit of a finger's forward model: taxel curves, stray light and one contact's field.
 //!
 //! The model is [`taxel::estimate::inverse`]. Levenberg–Marquardt searches the field, each taxel's
-//! curve (powers of its displacement) and its neighbours' stray light together. The true load of
+//! curve (powers of its displacement), its place and its neighbours' stray light together. The true load of
 //! each row and the true place of each press are unknowns too, held by their labels' noise
 //! (`bundle`). The curves for the chip, from signal to displacement, are fitted last, to the
 //! displacements of that field.
@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use nalgebra::{Cholesky, SMatrix, SVector};
 use taxel::estimate::field::{Field, Radial};
-use taxel::estimate::inverse::{Curves, Inverse};
+use taxel::estimate::inverse::{Centres, Curves, Inverse};
 use taxel::scan::{COLS, ROWS, TAXELS};
 
 use bundle::{Bundle, Labels};
@@ -72,6 +72,8 @@ const LEARN_EVERY: usize = 3;
 const POWERS: usize = 5;
 /// Number of linear coefficients of a taxel: powers and four neighbours.
 const LINEAR: usize = POWERS + 4;
+/// Number of a taxel's coefficients: the linear ones, and the place of its facet.
+const OWN: usize = LINEAR + 2;
 
 /// A fitted model with the coefficients that another fit may start from.
 pub struct Fit {
@@ -80,7 +82,7 @@ pub struct Fit {
     /// Noise of the labelled places of the presses, mm.
     pub place_noise: f64,
     field: Coefficients,
-    linear: [SVector<f64, LINEAR>; TAXELS],
+    taxels: [SVector<f64, OWN>; TAXELS],
 }
 
 /// Fits the model to presses, each a list of rows in the order of time.
@@ -105,7 +107,7 @@ pub fn fit(
     let labels = Labels { force: force_noise, press, row };
     let mut at = Bundle::new(&presses, labels, (friction, noise, shear));
     if let Some(start) = start {
-        (at.field, at.linear) = (start.field, start.linear);
+        (at.field, at.taxels) = (start.field, start.taxels);
     }
     let mut damping = 1e-3;
     let (mut squares, mut equations, mut small) = (at.objective(), None, 0);
@@ -147,7 +149,7 @@ pub fn fit(
         }
     }
     let model = finish(&at, known);
-    Ok(Fit { model, place_noise: at.labels.press, field: at.field, linear: at.linear })
+    Ok(Fit { model, place_noise: at.labels.press, field: at.field, taxels: at.taxels })
 }
 
 /// Keeps every n-th row, counted through all presses.
@@ -179,7 +181,7 @@ fn finish(at: &Bundle<'_>, known: Known) -> Inverse {
     let settled = |(row, load)| (row, load, at.displacements(&load));
     let rows: Vec<Settled<'_>> = at.loads().into_iter().map(settled).collect();
     let mut curves = Curves { stray: [[0.0; 4]; TAXELS], gap: [[0.0; POWERS]; TAXELS] };
-    for (k, linear) in at.linear.iter().enumerate() {
+    for (k, linear) in at.taxels.iter().enumerate() {
         curves.stray[k] = std::array::from_fn(|i| linear[POWERS + i] as f32);
         curves.gap[k] = gap(k, linear, &rows);
     }
@@ -190,11 +192,19 @@ fn finish(at: &Bundle<'_>, known: Known) -> Inverse {
     });
     let field = Field { normal, shear, slip: (p[FIELD - 1] as f32).clamp(-1.0, 1.0) };
     let error = error(&curves, &rows, known.noise);
-    Inverse { curves, field, error, shear: known.shear, friction: known.friction as f32 }
+    let centres = std::array::from_fn(|k| at.centre(k).map(|c| c as f32));
+    Inverse {
+        curves,
+        field,
+        error,
+        shear: known.shear,
+        friction: known.friction as f32,
+        centres: Centres(centres),
+    }
 }
 
 /// Fits the curve from the signal without stray light to the displacement.
-fn gap(k: usize, linear: &SVector<f64, LINEAR>, rows: &[Settled<'_>]) -> [f32; POWERS] {
+fn gap(k: usize, linear: &SVector<f64, OWN>, rows: &[Settled<'_>]) -> [f32; POWERS] {
     let mut matrix = SMatrix::<f64, POWERS, POWERS>::zeros();
     let mut right = SVector::<f64, POWERS>::zeros();
     for (row, load, u) in rows {

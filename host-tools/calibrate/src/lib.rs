@@ -17,6 +17,7 @@ pub mod coverage;
 pub mod evaluate;
 pub mod finger;
 pub mod inverse;
+mod lag;
 pub mod limit_surface;
 mod prepared;
 mod quantise;

@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 
+use taxel::calibration::Calibration;
 use taxel::condition::{Bias, Signals, TemperatureCompensation};
 use taxel::scan::{COLS, Codes, Midpoints, SENSORS, TAXELS};
 use taxel::units::Code;
@@ -77,6 +78,11 @@ impl<'r> Prepared<'r> {
         let bias = recording.bias(warmth)?;
         let signals = recording.signals(&bias, warmth);
         Ok(Self { recording, bias, signals })
+    }
+
+    /// Makes the signals anew, with drift and lag compensated.
+    pub fn compensate(&mut self, compensation: &Calibration) {
+        self.signals = self.recording.compensated(&self.bias, compensation);
     }
 
     /// Signal-to-noise ratio of a sensor: the 99th percentile over the recording.

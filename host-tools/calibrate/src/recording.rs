@@ -4,7 +4,10 @@ use std::array;
 use std::borrow::Cow;
 use std::ops::Range;
 
+use taxel::calibration::Calibration;
 use taxel::condition::{Bias, BiasTaker, Levels, Signals, TemperatureCompensation, Thermometer};
+use taxel::finger::{Estimate, Finger, Wanted};
+use taxel::frame::Fields;
 use taxel_files::table::Table;
 use taxel_files::trace::{Sample, Truth};
 
@@ -115,6 +118,22 @@ impl Recording {
         .collect()
     }
 
+    /// Signals of every row as the finger makes them in passing, with drift and lag compensated.
+    #[must_use]
+    pub fn compensated(&self, bias: &Bias, compensation: &Calibration) -> Vec<Signals> {
+        let Calibration { warmth, lag, drift, .. } = compensation;
+        let only = Calibration { warmth: *warmth, lag: *lag, drift: *drift, ..Calibration::EMPTY };
+        let (finger, mut state) = Finger::new(Some(only));
+        finger.restore_bias(&mut state, *bias);
+        let mut estimate = Estimate::NOTHING;
+        let wanted = Wanted { fields: Fields::empty(), due: false };
+        let rows = self.samples.iter().map(|sample| {
+            finger.update(&mut estimate, &mut state, &sample.scan, wanted);
+            estimate.signals
+        });
+        rows.collect()
+    }
+
     /// Levels at the temperature of `warmth`, and the gain of a force sensor's signals there.
     fn warm_levels(&self, warmth: Option<&TemperatureCompensation>) -> Vec<(Levels, f32)> {
         let mut thermometer = Thermometer::default();
@@ -122,7 +141,7 @@ impl Recording {
             let mut levels = Levels::read(&sample.scan.codes);
             let warm = warmth.zip(thermometer.read(&sample.scan.codes));
             let gain = warm.map_or(1.0, |(warmth, level)| {
-                warmth.correct(&mut levels, level);
+                warmth.correct(&mut levels, level, 1.0);
                 warmth.gain(level)
             });
             (levels, gain)

@@ -6,7 +6,8 @@ use std::sync::atomic::AtomicBool;
 use taxel::condition::Signals;
 use taxel::estimate::contact_point::centroid;
 use taxel::estimate::gate::Gate;
-use taxel::estimate::inverse::{Inverse, InverseState};
+use taxel::estimate::inverse::{ContactFit, Inverse, InverseState};
+use taxel::finger::UNSURE_PLACE;
 use taxel::scan::{TAXEL_CENTRES, TAXELS};
 
 use crate::inverse::{self, Known, Row};
@@ -243,13 +244,23 @@ fn judge(model: &Inverse, presses: &[Vec<Row>], labels: Labels) -> Judged {
             } else {
                 model.pressed(&mut state, &u)
             };
+            let on_pad = touch.as_ref().is_ok_and(ContactFit::is_on_pad);
+            if !on_pad {
+                // The chip withholds it and begins again.
+                state.clear();
+            }
+            let touch = touch.ok().filter(|_| on_pad);
             // Without an estimate the error is the force itself.
             let found = touch.as_ref().map_or([0.0; 3], |touch| touch.force());
             for ((sum, found), force) in sum.force.iter_mut().zip(found).zip(row.force) {
                 *sum += (f64::from(found) - force).powi(2);
             }
             sum.rows += 1.0;
-            let (Ok(touch), Ok(middle)) = (touch, centroid(&c, 0, 0.0)) else { continue };
+            let (Some(touch), Ok(middle)) = (touch, centroid(&c, 0, 0.0)) else { continue };
+            sum.misfits.push(f64::from(touch.misfit));
+            if touch.sigma[3].max(touch.sigma[4]) >= UNSURE_PLACE {
+                continue;
+            }
             let [x, y] = row.point;
             for (sum, [px, py]) in
                 sum.place.iter_mut().zip([touch.load.point, [middle.x.0, middle.y.0]])
@@ -271,7 +282,6 @@ fn judge(model: &Inverse, presses: &[Vec<Row>], labels: Labels) -> Judged {
                 let stated = f64::from(sigma).hypot(noise);
                 ratios.push((f64::from(found) - label).abs() / stated);
             }
-            sum.misfits.push(f64::from(touch.misfit));
             sum.fits += 1.0;
         }
     }

@@ -2,11 +2,13 @@
 #![allow(dead_code, reason = "each test file uses its part")]
 
 use taxel::calibration::{Calibration, SensorCalibration, TaxelCalibration};
-use taxel::condition::{BridgeBias, TaxelBias, TemperatureCompensation};
+use taxel::condition::{
+    BridgeBias, DriftCompensation, LagCompensation, TaxelBias, TemperatureCompensation,
+};
 use taxel::estimate::array::{Array, WrenchMethod};
 use taxel::estimate::field::{Field, Radial};
 use taxel::estimate::intrinsic::Surface;
-use taxel::estimate::inverse::{Curves, Inverse};
+use taxel::estimate::inverse::{Centres, Curves, Inverse};
 use taxel::estimate::net::{ForceNet, Unit};
 use taxel::estimate::quantised::Net;
 use taxel::estimate::sensitivity::Sensitivity;
@@ -65,6 +67,8 @@ pub fn calibration() -> Calibration {
         model: None,
         slip: None,
         warmth: None,
+        lag: None,
+        drift: None,
         array: None,
         sensors: [
             Some(SensorCalibration {
@@ -99,6 +103,7 @@ pub fn everything() -> Calibration {
         error: [1e-3, 2e-3],
         shear: true,
         friction: 0.8,
+        centres: Centres::default(),
     });
     record.slip = Some(Slip::usual(0.8));
     record.warmth = Some(TemperatureCompensation {
@@ -108,6 +113,8 @@ pub fn everything() -> Calibration {
         sensitivity: -4.4,
         offset: [[0.05, -0.02, 0.01]; SENSORS],
     });
+    record.lag = Some(LagCompensation { taxels: 4e-3, sensors: 3e-3 });
+    record.drift = Some(DriftCompensation { most: 0.05 });
     let sensor = record.sensors[0].clone();
     record.sensors = core::array::from_fn(|_| sensor.clone());
     record.array = Some(Array {

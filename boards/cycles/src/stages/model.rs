@@ -1,7 +1,7 @@
 //! Stages of the model of the skin, which finds the single contact behind the signals.
 
 use taxel::estimate::field::{Field, Radial};
-use taxel::estimate::inverse::{Curves, Inverse, InverseState};
+use taxel::estimate::inverse::{Centres, Curves, Inverse, InverseState};
 use taxel::measured::{Measured, NoValue};
 use taxel::scan::TAXELS;
 
@@ -24,6 +24,7 @@ fn model() -> Inverse {
         error: [1e-3, 1e-3],
         shear: true,
         friction: 0.8,
+        centres: Centres::default(),
     }
 }
 

@@ -8,7 +8,7 @@ use taxel::estimate::array::{Array, WrenchMethod};
 use taxel::estimate::field::{Field, Load, Radial};
 use taxel::estimate::fusion::{Gaussian, fuse};
 use taxel::estimate::intrinsic::Surface;
-use taxel::estimate::inverse::{Curves, FrictionUtilisation, Inverse};
+use taxel::estimate::inverse::{Centres, Curves, FrictionUtilisation, Inverse};
 use taxel::estimate::limit_surface::{LimitSurface, Sweep};
 use taxel::estimate::slide::GrossSlipDetector;
 use taxel::estimate::slip::{Slip, SlipState, Traction};
@@ -40,6 +40,7 @@ fn model() -> Inverse {
         error: [2e-4; 2],
         shear: true,
         friction: 0.8,
+        centres: Centres::default(),
     }
 }
 

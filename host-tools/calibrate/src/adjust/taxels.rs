@@ -10,7 +10,7 @@ use taxel::calibration::{Calibration, TaxelCalibration};
 use taxel::estimate::inverse::{ContactFit, Inverse, InverseState};
 use taxel::estimate::net::ForceNet;
 use taxel::estimate::quantised::{Net, QuantisedNet};
-use taxel::scan::{TAXEL_CENTRES, TAXELS};
+use taxel::scan::TAXELS;
 
 use super::{AGED, Adjusted, COMMON, Helped, LEAST_PRESSES, Press, Row};
 use crate::inverse::neighbours;
@@ -197,8 +197,7 @@ impl Estimator<'_> {
                 let Some((normal, (u, touch))) = found else { return Vec::new() };
                 let around = model.field.around(&touch.load);
                 let trusted = f64::from(model.error[0] + model.error[1] * touch.load.normal());
-                let missed = u.iter().zip(&TAXEL_CENTRES).map(|(u, [x, y])| {
-                    let facet = [x.0, y.0];
+                let missed = u.iter().zip(model.centres.0).map(|(u, facet)| {
                     let sinks =
                         if model.shear { around.sheared(facet).0 } else { around.pressed(facet).0 };
                     f64::from(u - sinks) / trusted

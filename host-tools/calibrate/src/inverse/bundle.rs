@@ -13,16 +13,19 @@ use nalgebra::{Cholesky, SMatrix, SVector};
 use taxel::scan::{TAXEL_CENTRES, TAXELS};
 
 use super::forward::{Coefficients, Displacement, FIELD, LOAD, UNIT, displacement, half_space};
-use super::{LINEAR, POWERS, Row, neighbours};
+use super::{LINEAR, OWN, POWERS, Row, neighbours};
 use equations::Equations;
 
-/// All coefficients: the field, then curve and stray light of each taxel.
-pub(super) const ALL: usize = FIELD + TAXELS * LINEAR;
+/// All coefficients: the field, then curve, stray light and place of each taxel.
+pub(super) const ALL: usize = FIELD + TAXELS * OWN;
 
 /// Share of a row's largest signal that adds to a signal's standard deviation.
-const SHARE: f64 = 0.002;
+const SHARE: f64 = 0.005;
 /// Prior of stray light: a share of 0.015 ± 0.01 of the neighbour's signal.
 const STRAY: [f64; 2] = [0.015, 0.01];
+/// Prior standard deviation of a facet's place, mm: parts are placed to a tenth of a millimetre, and
+/// errors of neighbouring rows are alike, so that they tell less than they seem to.
+const FACET: f64 = 0.03;
 /// Prior standard deviation of the field's coefficients from the start.
 const SPREAD: f64 = 100.0;
 /// Relative prior precision of a curve's powers.
@@ -73,6 +76,16 @@ struct Seen<'r> {
     away: SVector<f64, LOAD>,
 }
 
+/// Usual value and inverse variance of a taxel's coefficient; the curve is free.
+pub(super) fn prior(coefficient: usize) -> [f64; 2] {
+    let [stray, deviation] = STRAY;
+    match coefficient {
+        ..POWERS => [0.0; 2],
+        POWERS..LINEAR => [stray, deviation.powi(-2)],
+        LINEAR.. => [0.0, FACET.powi(-2)],
+    }
+}
+
 /// The fit's unknowns and data.
 #[derive(Clone)]
 pub(super) struct Bundle<'r> {
@@ -81,8 +94,9 @@ pub(super) struct Bundle<'r> {
     friction: f64,
     shear: bool,
     pub field: Coefficients,
-    /// Coefficients of u … u⁵ and of the four neighbours, of each taxel.
-    pub linear: [SVector<f64, LINEAR>; TAXELS],
+    /// Coefficients of u … u⁵ and of the four neighbours, and the distance of the facet's centre
+    /// from the drawing's in mm, of each taxel.
+    pub taxels: [SVector<f64, OWN>; TAXELS],
 }
 
 impl<'r> Bundle<'r> {
@@ -102,8 +116,8 @@ impl<'r> Bundle<'r> {
             .iter()
             .map(|rows| Press { rows: rows.iter().map(seen).collect(), away: SVector::zeros() })
             .collect();
-        let linear = [SVector::zeros(); TAXELS];
-        let mut bundle = Self { presses, labels, friction, shear, field: half_space(), linear };
+        let taxels = [SVector::zeros(); TAXELS];
+        let mut bundle = Self { presses, labels, friction, shear, field: half_space(), taxels };
         bundle.solve_linear();
         bundle
     }
@@ -131,10 +145,14 @@ impl<'r> Bundle<'r> {
 
     /// Displacements under a load, with their derivatives.
     fn displaced(&self, load: &[f64; LOAD]) -> impl Iterator<Item = Displacement> {
-        TAXEL_CENTRES.iter().map(|centre| {
-            let centre = centre.map(|c| f64::from(c.0));
-            displacement(&self.field, load, centre, (self.friction, self.shear))
-        })
+        (0..TAXELS)
+            .map(|k| displacement(&self.field, load, self.centre(k), (self.friction, self.shear)))
+    }
+
+    /// Centre of a taxel's facet, mm.
+    pub fn centre(&self, k: usize) -> [f64; 2] {
+        let [x, y] = TAXEL_CENTRES[k].map(|c| f64::from(c.0));
+        [x + self.taxels[k][LINEAR], y + self.taxels[k][LINEAR + 1]]
     }
 
     /// Displacements under a load.
@@ -146,7 +164,7 @@ impl<'r> Bundle<'r> {
 
     /// Solves for the curves and stray light at the present field and loads.
     fn solve_linear(&mut self) {
-        let none = (SMatrix::<f64, LINEAR, LINEAR>::zeros(), SVector::<f64, LINEAR>::zeros());
+        let none = (SMatrix::<f64, OWN, OWN>::zeros(), SVector::<f64, OWN>::zeros());
         let mut sums = vec![none; TAXELS];
         for (press, seen) in self.presses.iter().flat_map(|p| p.rows.iter().map(move |s| (p, s))) {
             let u = self.displacements(&Self::load(press, seen));
@@ -160,14 +178,14 @@ impl<'r> Bundle<'r> {
                 right.axpy(weight * seen.row.signals[k], &features, 1.0);
             }
         }
-        for (linear, (mut matrix, mut right)) in self.linear.iter_mut().zip(sums) {
-            let [usual, spread] = STRAY;
-            for i in POWERS..LINEAR {
-                matrix[(i, i)] += spread.powi(-2);
-                right[i] += usual * spread.powi(-2);
+        for (taxel, (mut matrix, mut right)) in self.taxels.iter_mut().zip(sums) {
+            for i in 0..OWN {
+                let [usual, weight] = prior(i);
+                matrix[(i, i)] += weight;
+                right[i] += weight * usual;
             }
             (0..POWERS).for_each(|i| matrix[(i, i)] *= 1.0 + LITTLE);
-            *linear = Cholesky::new(matrix).map_or_else(SVector::zeros, |f| f.solve(&right));
+            *taxel = Cholesky::new(matrix).map_or_else(SVector::zeros, |f| f.solve(&right));
         }
     }
 
@@ -179,7 +197,7 @@ impl<'r> Bundle<'r> {
                 let u = self.displacements(&Self::load(press, seen));
                 let mut squares = normalised(&seen.away, &spread).norm_squared();
                 for (k, u) in u.iter().enumerate() {
-                    let said = features(k, *u, seen.row).dot(&self.linear[k]);
+                    let said = features(k, *u, seen.row).dot(&self.taxels[k]);
                     squares += ((seen.row.signals[k] - said) / seen.sigma).powi(2);
                 }
                 huber(squares, self.labels.huber())
@@ -191,9 +209,12 @@ impl<'r> Bundle<'r> {
                 .into_iter()
                 .sum();
         let field = (self.field - half_space()).norm_squared() / (SPREAD * SPREAD);
-        let [usual, deviation] = STRAY;
-        let stray = self.linear.iter().flat_map(|l| l.iter().skip(POWERS));
-        presses + field + stray.map(|s| ((s - usual) / deviation).powi(2)).sum::<f64>()
+        let own = self.taxels.iter().flat_map(|taxel| taxel.iter().enumerate());
+        let own = own.map(|(n, value)| {
+            let [usual, weight] = prior(n);
+            weight * (value - usual).powi(2)
+        });
+        presses + field + own.sum::<f64>()
     }
 
     /// Number of residuals of the signals.
@@ -219,9 +240,9 @@ impl<'r> Bundle<'r> {
         for i in 0..FIELD {
             next.field[i] += step[i];
         }
-        for (k, linear) in next.linear.iter_mut().enumerate() {
-            for n in 0..LINEAR {
-                linear[n] += step[FIELD + k * LINEAR + n];
+        for (k, taxel) in next.taxels.iter_mut().enumerate() {
+            for n in 0..OWN {
+                taxel[n] += step[FIELD + k * OWN + n];
             }
         }
         let spread = self.spread();
@@ -289,9 +310,10 @@ fn huber(squares: f64, limit: f64) -> f64 {
     if root < limit { squares } else { limit * (2.0 * root - limit) }
 }
 
-/// Features of taxel k's signal: powers of its displacement, signals of its neighbours.
-pub(super) fn features(k: usize, u: f64, row: &Row) -> SVector<f64, LINEAR> {
-    let mut features = SVector::<f64, LINEAR>::zeros();
+/// Features of taxel k's signal: powers of its displacement, signals of its neighbours; none of its
+/// place.
+pub(super) fn features(k: usize, u: f64, row: &Row) -> SVector<f64, OWN> {
+    let mut features = SVector::<f64, OWN>::zeros();
     let mut power = 1.0;
     for n in 0..POWERS {
         power *= u;

@@ -2,7 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 use taxel::calibration::{Calibration, Range, SensorCalibration, TaxelCalibration};
-use taxel::condition::{BridgeBias, TaxelBias, TemperatureCompensation};
+use taxel::condition::{
+    BridgeBias, DriftCompensation, LagCompensation, TaxelBias, TemperatureCompensation,
+};
 use taxel::estimate::array::Array;
 use taxel::estimate::inverse::Inverse;
 use taxel::estimate::net::{ForceNet, Layers, MAX_HIDDEN};
@@ -34,6 +36,10 @@ pub(super) struct FingerFile {
     slip: Option<Slip>,
     #[serde(skip_serializing_if = "Option::is_none")]
     warmth: Option<TemperatureCompensation>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    lag: Option<LagCompensation>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    drift: Option<DriftCompensation>,
     #[serde(skip_serializing_if = "Option::is_none")]
     array: Option<Array>,
     #[serde(default, rename = "sensor", skip_serializing_if = "Vec::is_empty")]
@@ -105,6 +111,8 @@ impl FingerFile {
             model: calibration.model.clone(),
             slip: calibration.slip,
             warmth: calibration.warmth,
+            lag: calibration.lag,
+            drift: calibration.drift,
             array: calibration.array,
             sensors: sensors.collect(),
         }
@@ -135,7 +143,8 @@ impl FingerFile {
             force.map(RecordNet::Float).or_else(|| quantised.map(RecordNet::Quantised));
         (calibration.model, calibration.slip, calibration.array) =
             (self.model, self.slip, self.array);
-        calibration.warmth = self.warmth;
+        (calibration.warmth, calibration.lag) = (self.warmth, self.lag);
+        calibration.drift = self.drift;
         for sensor in self.sensors {
             let number = sensor.sensor;
             let slot = calibration

@@ -4,11 +4,13 @@ use std::path::Path;
 
 use proptest::prelude::*;
 use taxel::calibration::{Calibration, SensorCalibration, TaxelCalibration};
-use taxel::condition::{BridgeBias, TaxelBias, TemperatureCompensation};
+use taxel::condition::{
+    BridgeBias, DriftCompensation, LagCompensation, TaxelBias, TemperatureCompensation,
+};
 use taxel::estimate::array::{Array, WrenchMethod};
 use taxel::estimate::field::{Field, Radial};
 use taxel::estimate::intrinsic::Surface;
-use taxel::estimate::inverse::{Curves, Inverse};
+use taxel::estimate::inverse::{Centres, Curves, Inverse};
 use taxel::estimate::net::{ForceNet, Unit};
 use taxel::estimate::quantised::{Net, QuantisedNet};
 use taxel::estimate::sensitivity::Sensitivity;
@@ -58,6 +60,9 @@ fn record(weights: &[f32]) -> Calibration {
             error: [1e-3, 2e-3],
             shear: true,
             friction: 0.8,
+            centres: Centres(std::array::from_fn(|k| {
+                [weight(k).clamp(-9.0, 9.0), 0.25 * k as f32]
+            })),
         }),
         slip: Some(Slip::usual(0.7)),
         warmth: Some(TemperatureCompensation {
@@ -67,6 +72,8 @@ fn record(weights: &[f32]) -> Calibration {
             sensitivity: -4.4,
             offset: [[0.05, -0.02, 0.01]; 4],
         }),
+        lag: Some(LagCompensation { taxels: 4.36e-3, sensors: 3.98e-3 }),
+        drift: Some(DriftCompensation { most: 0.05 }),
         sensors: [None, Some(sensor), None, None],
         array: Some(Array {
             method: WrenchMethod::Sum(SensorPlaces::default()),

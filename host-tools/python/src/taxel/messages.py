@@ -43,6 +43,8 @@ class Status(IntFlag):
     RAN_SLIP = 1 << 24
     RAN_QUANTISED = 1 << 25
     RAN_WARMTH = 1 << 26
+    RAN_LAG = 1 << 27
+    RAN_DRIFT = 1 << 28
 
 
 class Fields(IntFlag):

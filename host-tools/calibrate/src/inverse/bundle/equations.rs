@@ -3,8 +3,8 @@
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use taxel::scan::TAXELS;
 
-use super::{ALL, Bundle, Press, SPREAD, STRAY, Seen, features, huber_weight, normalised};
-use super::{LINEAR, POWERS, spread_over_cores};
+use super::{ALL, Bundle, Press, SPREAD, Seen, features, huber_weight, normalised, prior};
+use super::{LINEAR, OWN, POWERS, spread_over_cores};
 use crate::inverse::forward::{FIELD, LOAD, half_space};
 
 /// Normal equations of all coefficients, and what the eliminated unknowns need back.
@@ -43,7 +43,7 @@ impl RowBack {
         let mut signals = by_place * away;
         for k in 0..TAXELS {
             signals[k] += by_field.column(k).dot(&step.fixed_rows::<FIELD>(0))
-                + features[k].dot(&step.fixed_rows::<LINEAR>(FIELD + k * LINEAR));
+                + features[k].dot(&step.fixed_rows::<OWN>(FIELD + k * OWN));
         }
         self.gain * signals
     }
@@ -58,8 +58,8 @@ struct Linearised {
     by_place: SMatrix<f64, TAXELS, 2>,
     /// Their derivatives by the field, a column for each taxel.
     by_field: SMatrix<f64, FIELD, TAXELS>,
-    /// Their derivatives by the taxel's own linear coefficients.
-    features: [SVector<f64, LINEAR>; TAXELS],
+    /// Their derivatives by the taxel's own coefficients.
+    features: [SVector<f64, OWN>; TAXELS],
 }
 
 /// Sums over the rows and presses.
@@ -96,12 +96,11 @@ impl Bundle<'_> {
             all.matrix[(i, i)] += SPREAD.powi(-2);
             all.right[i] += away[i] * SPREAD.powi(-2);
         }
-        let [usual, deviation] = STRAY;
-        for (k, linear) in self.linear.iter().enumerate() {
-            for n in POWERS..LINEAR {
-                let i = FIELD + k * LINEAR + n;
-                all.matrix[(i, i)] += deviation.powi(-2);
-                all.right[i] += (usual - linear[n]) * deviation.powi(-2);
+        for (k, taxel) in self.taxels.iter().enumerate() {
+            for (n, value) in taxel.iter().enumerate() {
+                let (i, [usual, weight]) = (FIELD + k * OWN + n, prior(n));
+                all.matrix[(i, i)] += weight;
+                all.right[i] += (usual - value) * weight;
             }
         }
         all
@@ -133,7 +132,7 @@ impl Bundle<'_> {
                 for (place, share) in by_place.row(k).iter().enumerate() {
                     let mut all = place_all.column_mut(place);
                     all.rows_mut(0, FIELD).axpy(*share, &line.by_field.column(k), 1.0);
-                    all.rows_mut(FIELD + k * LINEAR, LINEAR).axpy(*share, features, 1.0);
+                    all.rows_mut(FIELD + k * OWN, OWN).axpy(*share, features, 1.0);
                 }
             }
             let variance = inverse[(3, 3)] + inverse[(4, 4)];
@@ -168,12 +167,12 @@ impl Bundle<'_> {
         });
         let weight = 1.0 / seen.sigma;
         for (k, u) in self.displaced(&Self::load(press, seen)).enumerate() {
-            let features = features(k, u.value, seen.row);
-            let linear = &self.linear[k];
-            found.error[k] = weight * (seen.row.signals[k] - features.dot(linear));
+            let mut features = features(k, u.value, seen.row);
+            let taxel = &self.taxels[k];
+            found.error[k] = weight * (seen.row.signals[k] - features.dot(taxel));
             let mut slope = 0.0;
             for n in (0..POWERS).rev() {
-                slope = slope * u.value + (n + 1) as f64 * linear[n];
+                slope = slope * u.value + (n + 1) as f64 * taxel[n];
             }
             let slope = weight * slope;
             for j in 0..LOAD {
@@ -183,7 +182,12 @@ impl Bundle<'_> {
                 found.by_place[(k, j)] = slope * u.by_load[3 + j];
             }
             found.by_field.set_column(k, &(u.by_field * slope));
-            found.features[k] = features * weight;
+            // A facet that moves is a contact that moves the other way.
+            features *= weight;
+            for j in 0..2 {
+                features[LINEAR + j] = -slope * u.by_load[3 + j];
+            }
+            found.features[k] = features;
         }
         found
     }
@@ -206,23 +210,23 @@ fn add_row(
     }
     for (j, column) in of_field.iter_mut().enumerate() {
         let (field, taxels) = column.split_at_mut(FIELD);
-        for (k, part) in taxels.as_chunks_mut::<LINEAR>().0.iter_mut().enumerate() {
+        for (k, part) in taxels.as_chunks_mut::<OWN>().0.iter_mut().enumerate() {
             let share = by_left[(j, k)];
             add(&mut field[j..], share, &line.by_field.column(k).as_slice()[j..]);
             add(part, share, line.features[k].as_slice());
         }
     }
-    for (l, columns) in of_taxels.as_chunks_mut::<LINEAR>().0.iter_mut().enumerate() {
-        let mut block = [[0.0; LINEAR]; TAXELS];
+    for (l, columns) in of_taxels.as_chunks_mut::<OWN>().0.iter_mut().enumerate() {
+        let mut block = [[0.0; OWN]; TAXELS];
         for (k, block) in block.iter_mut().enumerate().skip(l) {
             add(block, left[(k, l)], line.features[k].as_slice());
         }
         for (column, share) in columns.iter_mut().zip(&line.features[l]) {
-            add(&mut column[FIELD + l * LINEAR..], *share, block[l..].as_flattened());
+            add(&mut column[FIELD + l * OWN..], *share, block[l..].as_flattened());
         }
     }
     let (field, taxels) = sums.right.as_mut_slice().split_at_mut(FIELD);
-    for (k, part) in taxels.as_chunks_mut::<LINEAR>().0.iter_mut().enumerate() {
+    for (k, part) in taxels.as_chunks_mut::<OWN>().0.iter_mut().enumerate() {
         add(field, error[k], line.by_field.column(k).as_slice());
         add(part, error[k], line.features[k].as_slice());
     }

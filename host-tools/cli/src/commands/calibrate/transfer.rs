@@ -105,6 +105,8 @@ fn unsupported_sections(calibration: &Calibration, held: Status) -> Vec<&'static
         ("model", calibration.model.is_some(), Status::RAN_MODEL),
         ("slip", calibration.slip.is_some(), Status::RAN_SLIP),
         ("warmth", calibration.warmth.is_some(), Status::RAN_WARMTH),
+        ("lag", calibration.lag.is_some(), Status::RAN_LAG),
+        ("drift", calibration.drift.is_some(), Status::RAN_DRIFT),
         ("array", calibration.array.is_some(), Status::RAN_ARRAY),
     ];
     let passed =
