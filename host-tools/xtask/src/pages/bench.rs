@@ -1,0 +1,198 @@
+//! Bench protocol of half a day, from the lists of the boards' pages.
+
+use anyhow::{Context, Result, ensure};
+
+use super::tables::read;
+use crate::marks::Part;
+use crate::run::root;
+
+/// Page of the protocol.
+pub const PAGE: &str = "docs/bench-protocol.md";
+
+/// Boards whose pages have a list of bench checks.
+const BOARDS: [&str; 2] = ["stm32g431", "stm32f411"];
+
+/// Minutes of half a day.
+const HALF_A_DAY: u32 = 240;
+
+/// Rows of the boards' lists in the order of the bench, with minutes at it; 0 runs unattended.
+///
+/// A name is the beginning of a check's name on a board's page.
+const ORDER: [(&str, u32); 36] = [
+    ("ROM bootloader by BOOT0", 5),
+    ("supply", 5),
+    ("serial number", 2),
+    ("core voltage", 2),
+    ("flash accelerator", 2),
+    ("sectors 1 … 4 free of code", 2),
+    ("reset causes", 8),
+    ("the ADC's trigger", 1),
+    ("row order", 10),
+    ("LED current", 10),
+    ("pattern", 5),
+    ("settle time", 10),
+    ("amplifier inputs turn", 5),
+    ("amplifier gain", 5),
+    ("midpoints", 5),
+    ("bias is gone", 3),
+    ("reference, temperature", 5),
+    ("temperature and reference", 5),
+    ("noise floor", 3),
+    ("throughput", 5),
+    ("cycles a frame", 3),
+    ("nobody reads", 3),
+    ("suspend", 3),
+    ("halted endpoint", 3),
+    ("re-plug", 3),
+    ("settings over power-off", 3),
+    ("page erasure", 5),
+    ("sector erasure", 5),
+    ("power cut in an upload", 15),
+    ("overrun of", 3),
+    ("watchdog", 3),
+    ("debugger", 3),
+    ("panic", 3),
+    ("ROM bootloader by command", 3),
+    ("HSI16", 0),
+    ("USB, 25 MHz", 0),
+];
+
+/// Last of the unattended checks of the product.
+const CRYSTAL_LESS: &str = "crystal-less USB";
+
+/// Row of the protocol.
+struct Step {
+    name: String,
+    minutes: u32,
+    check: String,
+    bench: String,
+    expected: String,
+}
+
+/// Rows of a page's table below a heading: three cells each.
+fn rows(page: &str, heading: &str) -> Result<Vec<[String; 3]>> {
+    let text = read(page)?;
+    let below = text.lines().skip_while(|line| line.trim_start_matches('#').trim() != heading);
+    let below = below.skip(1).take_while(|line| !line.starts_with('#'));
+    let table = below.filter(|line| line.starts_with('|')).skip(2);
+    table
+        .map(|line| {
+            let cells = line.trim_matches('|').split(" | ").map(|cell| cell.trim().to_owned());
+            let cells: Vec<String> = cells.collect();
+            cells.try_into().map_err(|_| anyhow::anyhow!("{page}: not three cells: {line}"))
+        })
+        .collect()
+}
+
+/// Steps of a board in order; every check of its page is one.
+fn steps(board: &str) -> Result<Vec<Step>> {
+    let page = format!("docs/boards/{board}.md");
+    let mut checks = rows(&page, "Not verified on hardware")?;
+    let mut steps = Vec::new();
+    for (begin, minutes) in ORDER.into_iter().chain([(CRYSTAL_LESS, 0)]) {
+        let Some(at) = checks.iter().position(|[check, ..]| check.starts_with(begin)) else {
+            continue;
+        };
+        let [check, bench, expected] = checks.remove(at);
+        let name = format!("B{}", steps.len() + 1);
+        steps.push(Step { name, minutes, check, bench, expected });
+    }
+    let left: Vec<&String> = checks.iter().map(|[check, ..]| check).collect();
+    ensure!(left.is_empty(), "{page}: {left:?} have no place in the order of pages/bench.rs");
+    Ok(steps)
+}
+
+/// Tables of the boards, for the page.
+pub fn parts() -> Result<Vec<Part>> {
+    BOARDS.into_iter().map(|board| Ok((board, table(board)?))).collect()
+}
+
+fn table(board: &str) -> Result<String> {
+    let mut out = "| step | minutes | check | on the bench | expected | measured |\n|---|---|---|---|---|---|\n".to_owned();
+    let steps = steps(board)?;
+    let all: u32 = steps.iter().map(|step| step.minutes).sum();
+    for Step { name, minutes, check, bench, expected } in steps {
+        let minutes = if minutes == 0 { "alone".to_owned() } else { minutes.to_string() };
+        let link = format!("[{check}](boards/{board}.md#not-verified-on-hardware)");
+        out += &format!("| {name} | {minutes} | {link} | {bench} | {expected} | |\n");
+    }
+    out += &format!("\nAt the bench: {all} minutes.\n");
+    Ok(out)
+}
+
+/// Path of a board's form.
+fn form(board: &str) -> String {
+    format!("docs/bench-{board}.csv")
+}
+
+/// Blank results of a board: a row for each step of the board and of the finger.
+fn blank(board: &str) -> Result<Vec<u8>> {
+    let head = format!("# board={board}\n# serial=\n# firmware=\n# date=\n# by=\n");
+    let mut writer = csv::Writer::from_writer(head.into_bytes());
+    writer.write_record(["step", "check", "expected", "measured", "unit", "passed", "note"])?;
+    for Step { name, check, expected, .. } in steps(board)? {
+        writer.write_record([&name, &check, &expected, "", "", "", ""])?;
+    }
+    for [name, check, _, expected] in finger()? {
+        writer.write_record([&name, &check, &expected, "", "", "", ""])?;
+    }
+    writer.into_inner().context("blank form")
+}
+
+/// Steps of the page's own table for the finger: name, check, bench, expected.
+fn finger() -> Result<Vec<[String; 4]>> {
+    let text = read(PAGE)?;
+    let table = text.lines().filter(|line| line.starts_with("| F"));
+    table
+        .map(|line| {
+            let cells: Vec<&str> = line.trim_matches('|').split('|').map(str::trim).collect();
+            let [name, _, check, bench, expected, _] = cells[..] else {
+                anyhow::bail!("{PAGE}: not six cells: {line}")
+            };
+            Ok([name, check, bench, expected].map(str::to_owned))
+        })
+        .collect()
+}
+
+/// Writes the blank forms; returns those that differed.
+pub fn update(check: bool) -> Result<Vec<String>> {
+    let mut different = Vec::new();
+    for board in BOARDS {
+        let (path, bytes) = (root().join(form(board)), blank(board)?);
+        if std::fs::read(&path).unwrap_or_default() != bytes {
+            different.push(form(board));
+            if !check {
+                std::fs::write(path, bytes)?;
+            }
+        }
+    }
+    Ok(different)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn protocol_takes_half_a_day() {
+        let text = read(PAGE).unwrap();
+        let cells = text.lines().filter(|line| line.starts_with("| F"));
+        let minutes = cells.filter_map(|line| line.split('|').nth(2)?.trim().parse::<u32>().ok());
+        let finger: u32 = minutes.sum();
+        assert!(finger > 20, "{finger}");
+        for board in BOARDS {
+            let attended: u32 = steps(board).unwrap().iter().map(|step| step.minutes).sum();
+            assert!(attended + finger <= HALF_A_DAY, "{board}: {attended} + {finger} minutes");
+        }
+    }
+
+    #[test]
+    fn form_has_a_row_for_each_step() {
+        let form = blank("stm32g431").unwrap();
+        let mut reader = csv::ReaderBuilder::new().comment(Some(b'#')).from_reader(&form[..]);
+        let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+        let expected = steps("stm32g431").unwrap().len() + finger().unwrap().len();
+        assert!(rows.len() == expected && expected > 30, "{} {expected}", rows.len());
+        assert!(rows.iter().all(|row| row.len() == 7 && !row[2].is_empty()));
+    }
+}
