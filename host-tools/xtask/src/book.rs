@@ -36,7 +36,8 @@ fn stage(source: &Path) -> Result<()> {
     let listed = chapters.iter().flat_map(|chapter| &chapter.pages).map(|(_, path)| path.as_str());
     let pages: BTreeSet<&str> = listed.chain([INDEX]).collect();
     for page in &pages {
-        let text = std::fs::read_to_string(root().join(page)).with_context(|| (*page).to_owned())?;
+        let text =
+            std::fs::read_to_string(root().join(page)).with_context(|| (*page).to_owned())?;
         let mut staged = text.clone();
         for (_, target) in links::links(&text).into_iter().filter(|(_, target)| is_local(target)) {
             let path = resolve(page, &target);
@@ -172,7 +173,8 @@ mod tests {
     fn broken_link_of_a_built_page_is_found() {
         let html = target().join("book-test-html");
         let page = |links: &str| format!("<a href=\"no.html\"></a><main>{links}</main>");
-        put(&html.join("a.html"), page("<h2 id=\"x\"></h2><a href=\"#x\"></a>").as_bytes()).unwrap();
+        put(&html.join("a.html"), page("<h2 id=\"x\"></h2><a href=\"#x\"></a>").as_bytes())
+            .unwrap();
         put(&html.join("d/b.html"), page("<a href=\"../a.html#x\"></a>").as_bytes()).unwrap();
         assert_eq!(check(&html).unwrap(), 2);
         put(&html.join("d/b.html"), page("<a href=\"../a.html#y\"></a>").as_bytes()).unwrap();

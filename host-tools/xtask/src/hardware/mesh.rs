@@ -156,7 +156,8 @@ pub fn picture(solids: &[(&str, Solid, [f64; 3])]) -> String {
             let corners = face.map(moved);
             drawn.push((corners.map(project), fill));
         }
-        let beside = f64::max(17.0, widest as f64 / 100.0 + 2.0);
+        // Right of the solid, whose right edge leans back.
+        let beside = f64::max(17.0, 1.6 * widest as f64 / 100.0 - 7.0);
         names.push((*name, project([place[0] + beside, place[1], place[2]])));
     }
     let all = drawn.iter().flat_map(|(corners, _)| corners);

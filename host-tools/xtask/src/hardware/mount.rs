@@ -74,14 +74,15 @@ pub fn reach() -> f64 {
 pub fn drawing() -> String {
     let seen = picture(&[
         ("mount", mount(), [0.0; 3]),
-        ("board", board(), [0.0, 0.0, 26.0]),
-        ("frame and skin", frame(), [0.0, 0.0, 40.0]),
+        ("board", board(), [0.0, 0.0, 36.0]),
+        ("frame, without its skin", frame(), [0.0, 0.0, 52.0]),
     ]);
     // The picture stands beside the plan, whose middle is the origin.
-    let inner = seen.replacen("<svg ", "<svg x=\"-440\" y=\"-330\" width=\"470\" height=\"620\" ", 1);
-    let mut out = "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"-450 -340 1230 660\" \
+    let inner =
+        seen.replacen("<svg ", "<svg x=\"-440\" y=\"-330\" width=\"560\" height=\"640\" ", 1);
+    let mut out = "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"-450 -340 1330 660\" \
                    font-family=\"Helvetica, Arial, sans-serif\" font-size=\"16\">\n\
-                   <rect x=\"-450\" y=\"-340\" width=\"1230\" height=\"660\" fill=\"white\"/>\n"
+                   <rect x=\"-450\" y=\"-340\" width=\"1330\" height=\"660\" fill=\"white\"/>\n"
         .to_owned();
     out += &inner;
     out += "<g transform=\"translate(330 -90)\" fill=\"none\" stroke=\"#30363d\">\n";
@@ -130,6 +131,12 @@ fn plan(out: &mut String) {
         SCALE * FLANGE_MM / 2.0
     );
     for at in corners(flange_at()) {
+        let [x, y] = at.map(|mm| SCALE * mm);
+        let radius = SCALE * HEAD_MM / 2.0;
+        let _ = writeln!(
+            out,
+            "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius:.1}\" stroke-dasharray=\"6 5\"/>"
+        );
         rectangle(out, at, [FLANGE_HOLE_MM; 2], " fill=\"white\"");
     }
     for at in corners(SCREW_MM[0]) {
@@ -144,7 +151,8 @@ fn plan(out: &mut String) {
     words(out, [right, -6.0], &format!("4 posts {0} × {0} mm", POST_MM[0]));
     words(out, [right, -3.5], &format!("{} mm from both axes,", SCREW_MM[0]));
     words(out, [right, -1.0], &format!("hole {} mm, {} deep", PILOT_MM[0], PILOT_MM[1]));
-    words(out, [right, 4.0], &format!("dashed: frame {FRAME_MM} mm"));
+    words(out, [right, 1.5], &format!("for M2 × {SCREW_LENGTH_MM} through frame and board"));
+    words(out, [right, 6.5], &format!("dashed: frame {FRAME_MM} mm, heads of M6"));
 }
 
 /// Draws the mount from the side, with board, frame and skin.

@@ -12,9 +12,6 @@ pub const PAGE: &str = "docs/bench-protocol.md";
 /// Boards whose pages have a list of bench checks.
 const BOARDS: [&str; 2] = ["stm32g431", "stm32f411"];
 
-/// Minutes of half a day.
-const HALF_A_DAY: u32 = 240;
-
 /// Rows of the boards' lists in the order of the bench, with minutes at it; 0 runs unattended.
 ///
 /// A name is the beginning of a check's name on a board's page.
@@ -172,6 +169,9 @@ pub fn update(check: bool) -> Result<Vec<String>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Minutes of half a day.
+    const HALF_A_DAY: u32 = 240;
 
     #[test]
     fn protocol_takes_half_a_day() {

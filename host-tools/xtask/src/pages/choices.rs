@@ -40,11 +40,33 @@ impl Estimators {
 
 fn methods() -> Result<String> {
     let table = Estimators(Csv::read(ESTIMATORS)?);
-    let normal = |name| Ok::<_, anyhow::Error>(format!("F_z {:.1} mN", 1e3 * table.error(name, "presses", "normal force")?));
-    let shear = |name| Ok::<_, anyhow::Error>(format!("shear {:.1} mN", 1e3 * table.error(name, "shear", "shear force")?));
-    let place = |name| Ok::<_, anyhow::Error>(format!("place {:.2} mm", table.error(name, "presses", "contact point")?));
-    let torsion = |name| Ok::<_, anyhow::Error>(format!("torsion {:.3} N·mm", table.error(name, "torsion", "torsion")?));
-    let contacts = |column| cell("docs/accuracy.md", "Specification", "two contacts two pitches apart, found", column);
+    let normal = |name| {
+        Ok::<_, anyhow::Error>(format!(
+            "F_z {:.1} mN",
+            1e3 * table.error(name, "presses", "normal force")?
+        ))
+    };
+    let shear = |name| {
+        Ok::<_, anyhow::Error>(format!(
+            "shear {:.1} mN",
+            1e3 * table.error(name, "shear", "shear force")?
+        ))
+    };
+    let place = |name| {
+        Ok::<_, anyhow::Error>(format!(
+            "place {:.2} mm",
+            table.error(name, "presses", "contact point")?
+        ))
+    };
+    let torsion = |name| {
+        Ok::<_, anyhow::Error>(format!(
+            "torsion {:.3} N·mm",
+            table.error(name, "torsion", "torsion")?
+        ))
+    };
+    let contacts = |column| {
+        cell("docs/accuracy.md", "Specification", "two contacts two pitches apart, found", column)
+    };
     let cycles = Csv::read(CYCLES)?;
     let two = [("name", "finger: two contacts, estimates")];
     let two = (cycles.mean(&two, "cycles_low")? + cycles.mean(&two, "cycles_high")?) / 2e3;
@@ -53,9 +75,16 @@ fn methods() -> Result<String> {
     };
     let wrench = "four sensors' wrench";
     Ok(lines([
-        "| you have | you need | use | modelled cycles | expect, ideal finger, simulated |".to_owned(),
+        "| you have | you need | use | modelled cycles | expect, ideal finger, simulated |"
+            .to_owned(),
         "|---|---|---|---|---|".to_owned(),
-        row("matrix", "place within a taxel", "nearest taxel; needs no calibration", table.cost("arg-min")?, vec![place("arg-min")?]),
+        row(
+            "matrix",
+            "place within a taxel",
+            "nearest taxel; needs no calibration",
+            table.cost("arg-min")?,
+            vec![place("arg-min")?],
+        ),
         row(
             "matrix",
             "normal force, few cycles",
@@ -137,7 +166,10 @@ fn labels() -> Result<String> {
             let of = |column| table.mean(&[("labels", labels), ("part", part)], column);
             let [x, y, z] = ["fx / mN", "fy / mN", "fz / mN"].map(of);
             let [middle, pad] = ["point middle / mm", "point pad / mm"].map(of);
-            Ok::<_, anyhow::Error>(format!("{:.0} / {:.0} / {:.0}, {:.2} ({:.2})", x?, y?, z?, middle?, pad?))
+            Ok::<_, anyhow::Error>(format!(
+                "{:.0} / {:.0} / {:.0}, {:.2} ({:.2})",
+                x?, y?, z?, middle?, pad?
+            ))
         });
         let [matrix, both] = cells;
         Ok::<_, anyhow::Error>(format!("| {have} | {labels} | {} | {} |", matrix?, both?))
@@ -146,7 +178,10 @@ fn labels() -> Result<String> {
         "| you have | labels | matrix alone | matrix and force sensors |".to_owned(),
         "|---|---|---|---|".to_owned(),
         row("load cell under the finger", "total force")?,
-        row("load cell, and a stage or robot that places the indenter", "total force, contact point")?,
+        row(
+            "load cell, and a stage or robot that places the indenter",
+            "total force, contact point",
+        )?,
         row("a simulator", "force on each sensor, contact point")?,
     ]))
 }
@@ -156,7 +191,13 @@ fn chips() -> Result<String> {
     let row = |scene: &str| {
         let g = |column| cell(g431, "Load", &format!("{scene}, 4 kHz, frames at 4 kHz"), column);
         let f = |column| cell(f411, "Frame", &format!("{scene}, 4 kHz, frames at 1 kHz"), column);
-        Ok::<_, anyhow::Error>(format!("| {scene} | {} | {} | {} | {} |", g(1)?, g(4)?, f(1)?, f(4)?))
+        Ok::<_, anyhow::Error>(format!(
+            "| {scene} | {} | {} | {} | {} |",
+            g(1)?,
+            g(4)?,
+            f(1)?,
+            f(4)?
+        ))
     };
     Ok(lines([
         "| scene | STM32G431, frames at 4 kHz: core awake | scans lost in 0.13 s | STM32F411, frames at 1 kHz: core awake | scans lost in 0.13 s |".to_owned(),

@@ -1,10 +1,13 @@
 //! Links of the Markdown pages, and the list of pages in docs/index.md.
 
+#[cfg(test)]
 use std::collections::BTreeSet;
 use std::path::{Component, Path, PathBuf};
 
+#[cfg(test)]
 use anyhow::{Context, Result};
 
+#[cfg(test)]
 use crate::run::root;
 
 /// Page that lists all others.
@@ -84,6 +87,7 @@ pub fn resolve(page: &str, target: &str) -> String {
 }
 
 /// Anchors of a page's headings, as GitHub and mdBook make them.
+#[cfg(test)]
 pub fn anchors(text: &str) -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     let mut code = false;
@@ -112,6 +116,7 @@ pub fn anchors(text: &str) -> BTreeSet<String> {
 }
 
 /// Paths of all Markdown pages of the repository.
+#[cfg(test)]
 pub fn pages() -> Result<Vec<String>> {
     let root = root();
     let (mut open, mut found) = (vec![root.clone()], Vec::new());
@@ -172,7 +177,10 @@ mod tests {
             assert_eq!(times, 1, "{INDEX} lists {page} {times} times");
         }
         let readme = links(&read("README.md").unwrap());
-        assert!(readme.iter().any(|(_, target)| target == INDEX), "README.md does not link {INDEX}");
+        assert!(
+            readme.iter().any(|(_, target)| target == INDEX),
+            "README.md does not link {INDEX}"
+        );
     }
 
     #[test]
@@ -190,7 +198,8 @@ mod tests {
 
     #[test]
     fn broken_link_and_anchor_are_found() {
-        let text = "# A b: `c`\n[x](#a-b-c) [y](no.md) `[z](no.md)` [`w`](#a-b)\n```\n[v](no.md)\n```\n";
+        let text =
+            "# A b: `c`\n[x](#a-b-c) [y](no.md) `[z](no.md)` [`w`](#a-b)\n```\n[v](no.md)\n```\n";
         assert_eq!(broken("docs/faq.md", text), ["docs/faq.md:2: no.md", "docs/faq.md:2: #a-b"]);
         assert!(broken("docs/faq.md", "[x](accuracy.md#specification)").is_empty());
         assert_eq!(broken("docs/faq.md", "[x](accuracy.md#no)").len(), 1);

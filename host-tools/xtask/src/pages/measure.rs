@@ -37,7 +37,11 @@ impl Run {
         let frames = columns(frames)?;
         let whole = |columns: &HashMap<String, Vec<Option<f64>>>, name: &str| {
             let column = columns.get(name).with_context(|| format!("no column `{name}`"))?;
-            column.iter().copied().collect::<Option<Vec<f64>>>().with_context(|| format!("a gap in `{name}`"))
+            column
+                .iter()
+                .copied()
+                .collect::<Option<Vec<f64>>>()
+                .with_context(|| format!("a gap in `{name}`"))
         };
         let (t_us, truth_n) = (whole(&truth, "t_us")?, whole(&truth, "fz_n")?);
         ensure!(t_us == whole(&frames, "t_us")?, "frames of other scans than the trace's");

@@ -76,8 +76,11 @@ impl Bench {
 
     /// Simulates a scene of this text, and what the finger makes of it with or without its sensors.
     fn run(&self, name: &str, scene: &str, part: &str) -> Result<Run> {
-        let (file, trace, frames) =
-            (format!("{name}.toml"), format!("{name}-{part}.csv"), format!("{name}-{part}-frames.csv"));
+        let (file, trace, frames) = (
+            format!("{name}.toml"),
+            format!("{name}-{part}.csv"),
+            format!("{name}-{part}-frames.csv"),
+        );
         std::fs::write(self.path(&file), scene)?;
         let mut changes = vec!["effects.bench-error=false".to_owned()];
         if part == "matrix" {
@@ -90,7 +93,8 @@ impl Bench {
 
     /// Fits the finger with each kind of labels, and writes the errors on recordings of others.
     fn labels(&self) -> Result<String> {
-        let mut text = "labels,part,fx / mN,fy / mN,fz / mN,point middle / mm,point pad / mm\n".to_owned();
+        let mut text =
+            "labels,part,fx / mN,fy / mN,fz / mN,point middle / mm,point pad / mm\n".to_owned();
         for (scene, seed) in [("presses", "1"), ("shear", "2")] {
             self.simulate(scene, seed, &format!("{scene}-0.csv"), &[])?;
         }
@@ -106,11 +110,24 @@ impl Bench {
         for (kind, (name, lacking)) in KINDS.iter().enumerate() {
             for scene in ["presses", "shear"] {
                 let whole = std::fs::read_to_string(self.path(&format!("{scene}-0.csv")))?;
-                std::fs::write(self.path(&format!("{scene}-{kind}.csv")), without(&whole, lacking)?)?;
+                std::fs::write(
+                    self.path(&format!("{scene}-{kind}.csv")),
+                    without(&whole, lacking)?,
+                )?;
             }
             let [presses, shear] = ["presses", "shear"].map(|scene| format!("{scene}-{kind}.csv"));
             let out = calibration(kind);
-            self.taxel(&["calibrate", "fit", "--data", &presses, "--data", &shear, "--out", &out, "--force"])?;
+            self.taxel(&[
+                "calibrate",
+                "fit",
+                "--data",
+                &presses,
+                "--data",
+                &shear,
+                "--out",
+                &out,
+                "--force",
+            ])?;
             for part in PARTS {
                 let judged = self.judged(&out, part)?;
                 let force = |axis| 1e3 * rms(&judged[..2], axis, true);
@@ -231,7 +248,9 @@ fn without(trace: &str, lacking: &[&str]) -> Result<String> {
         cells.collect::<Vec<_>>().join(",") + "\n"
     };
     let lines = trace.lines();
-    Ok(lines.map(|line| if line.starts_with('#') { format!("{line}\n") } else { row(line) }).collect())
+    Ok(lines
+        .map(|line| if line.starts_with('#') { format!("{line}\n") } else { row(line) })
+        .collect())
 }
 
 /// RMS of a target over the rows in contact, or over the rows with a value.

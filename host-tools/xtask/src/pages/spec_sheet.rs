@@ -48,7 +48,8 @@ fn measures() -> Result<String> {
     let by_total = |part: &str, column: &str| {
         labels.mean(&[("labels", "total force"), ("part", part)], column)
     };
-    let figure = |part: &str, name: &str| figures.mean(&[("figure", name), ("part", part)], "value");
+    let figure =
+        |part: &str, name: &str| figures.mean(&[("figure", name), ("part", part)], "value");
     let forces = |of: &dyn Fn(&str, &str) -> Result<f64>| {
         pair(|part| {
             let [x, y, z] = [of(part, "fx / mN")?, of(part, "fy / mN")?, of(part, "fz / mN")?];
@@ -56,7 +57,8 @@ fn measures() -> Result<String> {
         })
     };
     let [least, most] = random("presses", "fz_n")?;
-    let [shear_most, shear_at] = [random("shear", "shear_of_limit")?[1], random("shear", "x_mm")?[1]];
+    let [shear_most, shear_at] =
+        [random("shear", "shear_of_limit")?[1], random("shear", "x_mm")?[1]];
     let shear = key("shear", "friction.mu")? * shear_most * random("shear", "fz_n")?[1];
     let share = pair(|part| {
         let all = ["fx / mN", "fy / mN", "fz / mN"].map(|axis| error(part, axis));
@@ -64,7 +66,8 @@ fn measures() -> Result<String> {
         Ok(format!("{} / {} / {} %", x?, y?, z?))
     })?;
     let ideal = |row: &str| {
-        let [matrix, both] = [cell(ACCURACY, "Specification", row, 2)?, cell(ACCURACY, "Specification", row, 4)?];
+        let [matrix, both] =
+            [cell(ACCURACY, "Specification", row, 2)?, cell(ACCURACY, "Specification", row, 4)?];
         Ok::<_, anyhow::Error>([matrix, both].map(|c| {
             if c == "–" { "none".to_owned() } else { format!("{UNKNOWN}; ideal finger {c}") }
         }))
@@ -110,7 +113,12 @@ fn measures() -> Result<String> {
         measure("the same, calibrated by a load cell alone", forces(&by_total)?, sim, measured),
         measure("**contact point**, RMS: in the middle; whole pad", places(&error)?, sim, ablated),
         measure("the same, calibrated by a load cell alone", places(&by_total)?, sim, measured),
-        measure("torsion, RMS", ideal("torsion")?, sim, "[ideal finger](accuracy.md#specification)"),
+        measure(
+            "torsion, RMS",
+            ideal("torsion")?,
+            sim,
+            "[ideal finger](accuracy.md#specification)",
+        ),
         measure(
             "values beyond three stated deviations, worst quantity",
             pair(|part| Ok(format!("{:.1} %", error(part, "beyond 3 sigma / %")?)))?,
@@ -122,9 +130,24 @@ fn measures() -> Result<String> {
         measure("detection threshold", one("detection threshold", 0, "mN")?, sim, measured),
         measure("touch to 90 % of the force", one("settles within 10 %", 1, "ms")?, sim, measured),
         measure("touch to within 5 %", one("settles within 5 %", 1, "ms")?, sim, measured),
-        measure("**bandwidth**, 0.35 / rise from 10 to 90 %", one("bandwidth", 0, "Hz")?, sim, measured),
-        measure("**hysteresis**, third cycle of 2 s, of 2 N", one("hysteresis", 1, "%")?, sim, measured),
-        measure("**creep** in a minute, of the load", one("creep in a minute", 1, "%")?, sim, measured),
+        measure(
+            "**bandwidth**, 0.35 / rise from 10 to 90 %",
+            one("bandwidth", 0, "Hz")?,
+            sim,
+            measured,
+        ),
+        measure(
+            "**hysteresis**, third cycle of 2 s, of 2 N",
+            one("hysteresis", 1, "%")?,
+            sim,
+            measured,
+        ),
+        measure(
+            "**creep** in a minute, of the load",
+            one("creep in a minute", 1, "%")?,
+            sim,
+            measured,
+        ),
         measure(
             "**temperature**, of the load, uncompensated",
             one("temperature", 2, "% / K")?,
@@ -156,7 +179,8 @@ fn finger() -> Result<String> {
         let (usual, most) = current.split_once(';').unwrap_or((&current, &current));
         [number(usual)?, number(most)?]
     };
-    let memory = |column| cell("docs/boards/images.md", "The images and their memory", "stm32g431", column);
+    let memory =
+        |column| cell("docs/boards/images.md", "The images and their memory", "stm32g431", column);
     let definition = "`scan_plan::finger::REFERENCE`";
     let drawing = "[mould](build-a-finger.md#2-the-skin)";
     let mounted = "[mount](build-a-finger.md#the-mount)";
@@ -167,7 +191,12 @@ fn finger() -> Result<String> {
         "|---|---|---|---|".to_owned(),
         row("taxels", format!("{ROWS} × {COLS}, pitch {pitch} mm"), "design", "`taxel::scan`"),
         row("three-axis force sensors", format!("up to {SENSORS}"), "design", "`taxel::scan`"),
-        row("area of the taxels", format!("{:.1} mm × {:.1} mm", side(COLS), side(ROWS)), calculated, definition),
+        row(
+            "area of the taxels",
+            format!("{:.1} mm × {:.1} mm", side(COLS), side(ROWS)),
+            calculated,
+            definition,
+        ),
         row(
             "skin",
             format!(
@@ -181,12 +210,21 @@ fn finger() -> Result<String> {
         ),
         row(
             "size of frame and skin",
-            format!("{0} mm × {0} mm × {1:.2} mm", mould::FRAME_MM, mould::frame_mm() + skin.depth_mm),
+            format!(
+                "{0} mm × {0} mm × {1:.2} mm",
+                mould::FRAME_MM,
+                mould::frame_mm() + skin.depth_mm
+            ),
             calculated,
             drawing,
         ),
         row("size of the board", "no layout yet".to_owned(), "–", board),
-        row("flange to surface, on the mount", format!("{:.2} mm", mount::reach()), calculated, mounted),
+        row(
+            "flange to surface, on the mount",
+            format!("{:.2} mm", mount::reach()),
+            calculated,
+            mounted,
+        ),
         unknown("mass"),
         row(
             "resolution of a facet's displacement",
@@ -207,7 +245,12 @@ fn finger() -> Result<String> {
             calculated,
             "[settle time](boards/stm32g431.md#settle-time-and-frame)",
         ),
-        row("frame rate, default", format!("{} Hz", Instrument::DEFAULT_RATE_HZ), "design", "`taxel::instrument`"),
+        row(
+            "frame rate, default",
+            format!("{} Hz", Instrument::DEFAULT_RATE_HZ),
+            "design",
+            "`taxel::instrument`",
+        ),
         row(
             "**latency**, touch to the first byte: mean; at most",
             format!("{}; {}", touch(2)?, touch(3)?),
@@ -216,12 +259,27 @@ fn finger() -> Result<String> {
         ),
         row(
             "core's load, a frame every millisecond",
-            cell(BOARD, "What a frame costs", "all that it does at the default, a frame every millisecond", 2)?,
+            cell(
+                BOARD,
+                "What a frame costs",
+                "all that it does at the default, a frame every millisecond",
+                2,
+            )?,
             "emulated",
             "[cost of a frame](boards/stm32g431.md#what-a-frame-costs)",
         ),
-        row("**supply**", format!("USB, {USB_V} V; {} V inside", converter.range_v), "design", board),
-        row("current: usual; at most", format!("{usual} mA; {most} mA"), calculated, "[current](boards/stm32g431.md#current)"),
+        row(
+            "**supply**",
+            format!("USB, {USB_V} V; {} V inside", converter.range_v),
+            "design",
+            board,
+        ),
+        row(
+            "current: usual; at most",
+            format!("{usual} mA; {most} mA"),
+            calculated,
+            "[current](boards/stm32g431.md#current)",
+        ),
         row(
             "power from USB: usual; at most",
             format!("{:.2} W; {:.2} W", usual * USB_V / 1e3, most * USB_V / 1e3),
@@ -248,7 +306,12 @@ fn finger() -> Result<String> {
             "[images](boards/images.md)",
         ),
         unknown("operating temperature, humidity, protection"),
-        row("price of the parts", "not known: no quotes".to_owned(), "–", "[parts](boards/stm32g431.md#bill-of-materials)"),
+        row(
+            "price of the parts",
+            "not known: no quotes".to_owned(),
+            "–",
+            "[parts](boards/stm32g431.md#bill-of-materials)",
+        ),
     ]))
 }
 
@@ -265,7 +328,9 @@ mod tests {
             for line in rows {
                 let cells: Vec<&str> = line.trim_matches('|').split('|').map(str::trim).collect();
                 let (kind, from) = (cells[cells.len() - 2], cells[cells.len() - 1]);
-                let unknown = line.contains(UNKNOWN) || line.contains("not known") || line.contains("no layout");
+                let unknown = line.contains(UNKNOWN)
+                    || line.contains("not known")
+                    || line.contains("no layout");
                 assert!(known.contains(&kind) && from != "–" || unknown, "{line}");
             }
         }

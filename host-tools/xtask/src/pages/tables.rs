@@ -28,8 +28,9 @@ impl Csv {
 
     /// Cells of `column` in the rows that have these values in these columns.
     pub fn cells(&self, wanted: &[(&str, &str)], column: &str) -> Result<Vec<&str>> {
-        let fits =
-            |row: &&HashMap<String, String>| wanted.iter().all(|(k, v)| row.get(*k).is_some_and(|c| c == v));
+        let fits = |row: &&HashMap<String, String>| {
+            wanted.iter().all(|(k, v)| row.get(*k).is_some_and(|c| c == v))
+        };
         let cells: Option<Vec<&str>> =
             self.rows.iter().filter(fits).map(|row| row.get(column).map(String::as_str)).collect();
         match cells {
@@ -42,7 +43,8 @@ impl Csv {
     pub fn mean(&self, wanted: &[(&str, &str)], column: &str) -> Result<f64> {
         let cells = self.cells(wanted, column)?;
         let numbers = cells.iter().map(|cell| cell.parse::<f64>()).collect::<Result<Vec<_>, _>>();
-        let numbers = numbers.with_context(|| format!("{}: `{column}` of {wanted:?}", self.path))?;
+        let numbers =
+            numbers.with_context(|| format!("{}: `{column}` of {wanted:?}", self.path))?;
         Ok(numbers.iter().sum::<f64>() / numbers.len() as f64)
     }
 }
@@ -57,7 +59,8 @@ pub fn cell(page: &str, heading: &str, row: &str, column: usize) -> Result<Strin
         (cells.first()?.trim_matches('*') == row).then_some(cells)
     });
     let cells = found.with_context(|| format!("{page}: no row `{row}` below `{heading}`"))?;
-    let cell = cells.get(column).with_context(|| format!("{page}: `{row}` has no column {column}"))?;
+    let cell =
+        cells.get(column).with_context(|| format!("{page}: `{row}` has no column {column}"))?;
     Ok(cell.replace("**", ""))
 }
 
