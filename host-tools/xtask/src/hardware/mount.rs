@@ -202,7 +202,7 @@ mod tests {
         let apart = (flange_at() - post_corner) * std::f64::consts::SQRT_2;
         assert!(apart > HEAD_MM / 2.0 + 1.0, "{apart}");
         assert!(PLATE_MM[0] / 2.0 - flange_at() - FLANGE_HOLE_MM / 2.0 >= 3.0);
-        assert!((POST_MM[0] - PILOT_MM[0]) / 2.0 >= 1.5);
+        const { assert!((POST_MM[0] - PILOT_MM[0]) / 2.0 >= 1.5) };
         // A screw of 8 mm holds in more than its diameter and does not reach the hole's end.
         let held = SCREW_LENGTH_MM - BOARD_MM - frame_mm();
         assert!(held > 2.0 && held < PILOT_MM[1], "{held}");

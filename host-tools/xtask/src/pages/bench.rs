@@ -72,13 +72,23 @@ fn rows(page: &str, heading: &str) -> Result<Vec<[String; 3]>> {
     let below = text.lines().skip_while(|line| line.trim_start_matches('#').trim() != heading);
     let below = below.skip(1).take_while(|line| !line.starts_with('#'));
     let table = below.filter(|line| line.starts_with('|')).skip(2);
-    table
-        .map(|line| {
-            let cells = line.trim_matches('|').split(" | ").map(|cell| cell.trim().to_owned());
-            let cells: Vec<String> = cells.collect();
-            cells.try_into().map_err(|_| anyhow::anyhow!("{page}: not three cells: {line}"))
-        })
-        .collect()
+    let mut rows: Vec<[String; 3]> = Vec::new();
+    for line in table {
+        let cells = line.trim_matches('|').split(" | ").map(|cell| cell.trim().to_owned());
+        let cells: Vec<String> = cells.collect();
+        let [check, bench, expected] = <[String; 3]>::try_from(cells)
+            .map_err(|_| anyhow::anyhow!("{page}: not three cells: {line}"))?;
+        // In another order, "the same" would mean another row.
+        let same = expected
+            .strip_prefix("the same")
+            .filter(|rest| rest.is_empty() || rest.starts_with(';'));
+        let expected = match (same, rows.last()) {
+            (Some(rest), Some([.., before])) => format!("{before}{rest}"),
+            _ => expected,
+        };
+        rows.push([check, bench, expected]);
+    }
+    Ok(rows)
 }
 
 /// Steps of a board in order; every check of its page is one.

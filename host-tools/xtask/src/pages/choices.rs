@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 
-use super::reference::LABELS;
+use super::reference::{CELL, LABELS};
 use super::tables::{Csv, cell};
 use crate::marks::{Part, lines};
 
@@ -23,17 +23,14 @@ impl Estimators {
         self.0.mean(&wanted, "rmse")
     }
 
-    /// Lowest and highest cost of a method, in thousands of cycles.
+    /// Cost of a method in thousands of cycles; of some it depends on the scene.
     fn cost(&self, name: &str) -> Result<String> {
-        let ends = ["cycles_low", "cycles_high"].map(|column| {
-            let cells = self.0.cells(&[("name", name)], column)?;
-            let numbers = cells.iter().map(|c| c.parse::<f64>()).collect::<Result<Vec<_>, _>>()?;
-            Ok::<_, anyhow::Error>(numbers)
-        });
-        let [low, high] = ends;
-        let least = low?.into_iter().fold(f64::MAX, f64::min) / 1e3;
-        let most = high?.into_iter().fold(0.0, f64::max) / 1e3;
-        let [least, most] = [least, most].map(|k| format!("{k:.1}k"));
+        let ends = |column| self.0.cells(&[("name", name)], column);
+        let both = ends("cycles_low")?.into_iter().zip(ends("cycles_high")?);
+        let means = both.map(|(low, high)| Ok((low.parse::<f64>()? + high.parse::<f64>()?) / 2e3));
+        let means = means.collect::<Result<Vec<f64>>>()?;
+        let least = format!("{:.1}k", means.iter().copied().fold(f64::MAX, f64::min));
+        let most = format!("{:.1}k", means.iter().copied().fold(0.0, f64::max));
         Ok(if least == most { least } else { format!("{least} to {most}") })
     }
 }
@@ -177,7 +174,7 @@ fn labels() -> Result<String> {
     Ok(lines([
         "| you have | labels | matrix alone | matrix and force sensors |".to_owned(),
         "|---|---|---|---|".to_owned(),
-        row("load cell under the finger", "total force")?,
+        row("load cell under the finger", CELL)?,
         row(
             "load cell, and a stage or robot that places the indenter",
             "total force, contact point",

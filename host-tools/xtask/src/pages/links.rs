@@ -40,8 +40,8 @@ pub fn chapters(index: &str) -> Vec<Chapter> {
     chapters
 }
 
-/// Targets of a page's links with their lines, without code.
-pub fn links(text: &str) -> Vec<(usize, String)> {
+/// Lines of a page with their numbers, each code span and block reduced to a backtick.
+fn prose(text: &str) -> Vec<(usize, String)> {
     let mut found = Vec::new();
     let mut code = false;
     for (at, line) in text.lines().enumerate() {
@@ -52,12 +52,19 @@ pub fn links(text: &str) -> Vec<(usize, String)> {
         if code {
             continue;
         }
-        let prose: Vec<&str> = line.split('`').step_by(2).collect();
-        // A placeholder keeps the brackets around a code span together.
-        let prose = prose.join("`");
+        let words: Vec<&str> = line.split('`').step_by(2).collect();
+        found.push((at + 1, words.join("`")));
+    }
+    found
+}
+
+/// Targets of a page's links with their lines, without code.
+pub fn links(text: &str) -> Vec<(usize, String)> {
+    let mut found = Vec::new();
+    for (line, prose) in prose(text) {
         for (from, _) in prose.match_indices("](") {
             let target = prose[from + 2..].split([')', ' ']).next().unwrap_or_default();
-            found.push((at + 1, target.to_owned()));
+            found.push((line, target.to_owned()));
         }
     }
     found
@@ -194,6 +201,27 @@ mod tests {
         }
         assert!(count > 250, "{count}");
         assert!(found.is_empty(), "links that lead nowhere:\n{}", found.join("\n"));
+    }
+
+    /// Lines in which `<` begins a name, which a browser takes for a tag and hides.
+    fn tags(text: &str) -> Vec<usize> {
+        let hidden = |prose: &str| {
+            let mut after = prose.split('<').skip(1).filter_map(|rest| rest.chars().next());
+            after.any(|c| c.is_ascii_alphabetic())
+        };
+        prose(text).into_iter().filter(|(_, prose)| hidden(prose)).map(|(line, _)| line).collect()
+    }
+
+    #[test]
+    fn no_type_in_a_page_is_taken_for_html() {
+        assert_eq!(tags("list<f32>\n`list<f32>`\n<!-- a -->\n```\nlist<f32>\n```\n1 < 2\n"), [1]);
+        for page in pages().unwrap() {
+            assert_eq!(
+                tags(&read(&page).unwrap()),
+                [0; 0],
+                "{page}: put these types into backticks"
+            );
+        }
     }
 
     #[test]

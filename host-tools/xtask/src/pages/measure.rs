@@ -121,7 +121,7 @@ impl Run {
 }
 
 /// Offset and slope of the line of least squares.
-pub fn line(values: &[(f64, f64)]) -> [f64; 2] {
+fn line(values: &[(f64, f64)]) -> [f64; 2] {
     let n = values.len() as f64;
     let (x, y) = values.iter().fold((0.0, 0.0), |(x, y), v| (x + v.0 / n, y + v.1 / n));
     let across: f64 = values.iter().map(|v| (v.0 - x).powi(2)).sum();

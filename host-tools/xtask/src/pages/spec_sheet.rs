@@ -5,7 +5,7 @@ use scan_plan::finger::REFERENCE;
 use taxel::instrument::Instrument;
 use taxel::scan::{COLS, PITCH, ROWS, SENSORS};
 
-use super::reference::{FIGURES, LABELS};
+use super::reference::{CELL, FIGURES, LABELS};
 use super::tables::{Csv, cell, key, number, random};
 use crate::hardware::{mould, mount};
 use crate::marks::{Part, lines};
@@ -45,9 +45,8 @@ fn measures() -> Result<String> {
     let error = |part: &str, column: &str| {
         ablation.mean(&[("finger", "reference finger"), ("part", part)], column)
     };
-    let by_total = |part: &str, column: &str| {
-        labels.mean(&[("labels", "total force"), ("part", part)], column)
-    };
+    let by_total =
+        |part: &str, column: &str| labels.mean(&[("labels", CELL), ("part", part)], column);
     let figure =
         |part: &str, name: &str| figures.mean(&[("figure", name), ("part", part)], "value");
     let forces = |of: &dyn Fn(&str, &str) -> Result<f64>| {
@@ -79,7 +78,7 @@ fn measures() -> Result<String> {
         })
     };
     let one = |name: &str, digits: usize, unit: &str| {
-        pair(|part| Ok(format!("{:.digits$} {unit}", figure(part, name)?)))
+        pair(|part| Ok(format!("{:.digits$} {unit}", figure(part, name)?).replace('-', "−")))
     };
     let sigmas = pair(|part| {
         let [x, y, z] = ["sigma fx_n", "sigma fy_n", "sigma fz_n"].map(|name| figure(part, name));
@@ -149,8 +148,12 @@ fn measures() -> Result<String> {
             measured,
         ),
         measure(
-            "**temperature**, of the load, uncompensated",
-            one("temperature", 2, "% / K")?,
+            "**temperature**: change of 0.5 N; of 1.5 N, warmed by 10 K, uncompensated",
+            pair(|part| {
+                let [light, firm] =
+                    ["0.5", "1.5"].map(|n| figure(part, &format!("warmed by 10 K at {n} N")));
+                Ok(format!("{:.0} mN; {:.0} mN", light?, firm?))
+            })?,
             sim,
             measured,
         ),
@@ -288,7 +291,7 @@ fn finger() -> Result<String> {
         ),
         row(
             "**interface**",
-            format!("USB CDC ACM at {}", cell(BOARD, "Bill of materials", "USB socket", 1)?),
+            format!("USB CDC ACM, socket {}", cell(BOARD, "Bill of materials", "USB socket", 1)?),
             "design",
             "[protocol](protocol.md)",
         ),
