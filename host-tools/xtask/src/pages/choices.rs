@@ -7,6 +7,7 @@ use super::tables::{Csv, cell};
 use crate::marks::{Part, lines};
 
 const ESTIMATORS: &str = "docs/images/estimators.csv";
+const ABLATION: &str = "host-tools/research/data/ablation.csv";
 const CYCLES: &str = "host-tools/emulator/data/cycles.csv";
 
 /// Tables of the page.
@@ -35,103 +36,125 @@ impl Estimators {
     }
 }
 
+/// Row of the table of methods.
+struct Choice {
+    have: &'static str,
+    need: &'static str,
+    method: &'static str,
+    /// Name in the table of estimators.
+    name: &'static str,
+    measures: &'static [Measure],
+    /// Part of the reference finger that a default fit gives.
+    part: Option<&'static str>,
+}
+
+/// Quantity of a method: its words, scene, name, unit, units in one, digits.
+type Measure = (&'static str, &'static str, &'static str, &'static str, f64, usize);
+
+const NORMAL: Measure = ("F_z", "presses", "normal force", "mN", 1e3, 1);
+const SHEAR: Measure = ("shear", "shear", "shear force", "mN", 1e3, 1);
+const PLACE: Measure = ("place", "presses", "contact point", "mm", 1.0, 2);
+const TORSION: Measure = ("torsion", "torsion", "torsion", "N·mm", 1.0, 3);
+
+const CHOICES: [Choice; 7] = [
+    Choice {
+        have: "matrix",
+        need: "place within a taxel",
+        method: "nearest taxel; needs no calibration",
+        name: "arg-min",
+        measures: &[PLACE],
+        part: None,
+    },
+    Choice {
+        have: "matrix",
+        need: "normal force, few cycles",
+        method: "net 16-12-1 in 16 bits: `--net-only --model mlp --form q15`, no shear among the labels",
+        name: "q15 net 16-12-1",
+        measures: &[NORMAL],
+        part: None,
+    },
+    Choice {
+        have: "matrix",
+        need: "three forces, few cycles",
+        method: "net 16-16-3: `--net-only --model mlp`",
+        name: "net 16-16-3",
+        measures: &[NORMAL, SHEAR],
+        part: None,
+    },
+    Choice {
+        have: "matrix",
+        need: "three forces and place",
+        method: "default fit: the model of the skin, where it holds",
+        name: "model",
+        measures: &[NORMAL, SHEAR, PLACE],
+        part: Some("matrix"),
+    },
+    Choice {
+        have: "force sensors",
+        need: "three forces",
+        method: "sum of the sensors: ask for the field `force` alone",
+        name: "four sensors",
+        measures: &[NORMAL, SHEAR],
+        part: None,
+    },
+    Choice {
+        have: "force sensors",
+        need: "three forces, place, torsion",
+        method: "wrench of the array",
+        name: "four sensors' wrench",
+        measures: &[NORMAL, SHEAR, PLACE, TORSION],
+        part: None,
+    },
+    Choice {
+        have: "both",
+        need: "everything",
+        method: "default fit: every estimator that holds",
+        name: "finger",
+        measures: &[NORMAL, SHEAR, PLACE, TORSION],
+        part: Some("both"),
+    },
+];
+
 fn methods() -> Result<String> {
     let table = Estimators(Csv::read(ESTIMATORS)?);
-    let normal = |name| {
-        Ok::<_, anyhow::Error>(format!(
-            "F_z {:.1} mN",
-            1e3 * table.error(name, "presses", "normal force")?
-        ))
-    };
-    let shear = |name| {
-        Ok::<_, anyhow::Error>(format!(
-            "shear {:.1} mN",
-            1e3 * table.error(name, "shear", "shear force")?
-        ))
-    };
-    let place = |name| {
-        Ok::<_, anyhow::Error>(format!(
-            "place {:.2} mm",
-            table.error(name, "presses", "contact point")?
-        ))
-    };
-    let torsion = |name| {
-        Ok::<_, anyhow::Error>(format!(
-            "torsion {:.3} N·mm",
-            table.error(name, "torsion", "torsion")?
-        ))
-    };
-    let contacts = |column| {
-        cell("docs/accuracy.md", "Specification", "two contacts two pitches apart, found", column)
-    };
+    let ablation = Csv::read(ABLATION)?;
+    let mut rows = vec![
+        "| you have | you need | use | modelled cycles | expect of the ideal finger | of the reference finger |"
+            .to_owned(),
+        "|---|---|---|---|---|---|".to_owned(),
+    ];
+    for Choice { have, need, method, name, measures, part } in CHOICES {
+        let ideal = measures.iter().map(|(words, scene, quantity, unit, units, digits)| {
+            let error = units * table.error(name, scene, quantity)?;
+            Ok(format!("{words} {error:.digits$} {unit}"))
+        });
+        let ideal = ideal.collect::<Result<Vec<_>>>()?.join(", ");
+        let real = |part| {
+            let of =
+                |column| ablation.mean(&[("finger", "reference finger"), ("part", part)], column);
+            let shear = f64::max(of("fx / mN")?, of("fy / mN")?);
+            let (normal, place) = (of("fz / mN")?, of("point pad / mm")?);
+            Ok::<_, anyhow::Error>(format!(
+                "F_z {normal:.0} mN, shear {shear:.0} mN, place {place:.2} mm"
+            ))
+        };
+        let real = part.map_or(Ok("–".to_owned()), real)?;
+        let cost = table.cost(name)?;
+        rows.push(format!("| {have} | {need} | {method} | {cost} | {ideal} | {real} |"));
+    }
     let cycles = Csv::read(CYCLES)?;
     let two = [("name", "finger: two contacts, estimates")];
     let two = (cycles.mean(&two, "cycles_low")? + cycles.mean(&two, "cycles_high")?) / 2e3;
-    let row = |have: &str, need: &str, method: &str, cost: String, expect: Vec<String>| {
-        format!("| {have} | {need} | {method} | {cost} | {} |", expect.join(", "))
+    let found = |column| {
+        cell("docs/accuracy.md", "Specification", "two contacts two pitches apart, found", column)
     };
-    let wrench = "four sensors' wrench";
-    Ok(lines([
-        "| you have | you need | use | modelled cycles | expect, ideal finger, simulated |"
-            .to_owned(),
-        "|---|---|---|---|---|".to_owned(),
-        row(
-            "matrix",
-            "place within a taxel",
-            "nearest taxel; needs no calibration",
-            table.cost("arg-min")?,
-            vec![place("arg-min")?],
-        ),
-        row(
-            "matrix",
-            "normal force, few cycles",
-            "net 16-12-1 in 16 bits: `--form q15`",
-            table.cost("q15 net 16-12-1")?,
-            vec![normal("q15 net 16-12-1")?],
-        ),
-        row(
-            "matrix",
-            "three forces, few cycles",
-            "net 16-16-3: `--net-only`",
-            table.cost("net 16-16-3")?,
-            vec![normal("net 16-16-3")?, shear("net 16-16-3")?],
-        ),
-        row(
-            "matrix",
-            "three forces and place",
-            "model of the skin (default)",
-            table.cost("model")?,
-            vec![normal("model")?, shear("model")?, place("model")?],
-        ),
-        row(
-            "force sensors",
-            "three forces",
-            "sum of the sensors: ask for the field `force` alone",
-            table.cost("four sensors")?,
-            vec![normal("four sensors")?, shear("four sensors")?],
-        ),
-        row(
-            "force sensors",
-            "three forces, place, torsion",
-            "wrench of the array",
-            table.cost(wrench)?,
-            vec![normal(wrench)?, shear(wrench)?, place(wrench)?, torsion("four sensors' wrench")?],
-        ),
-        row(
-            "both",
-            "everything",
-            "every estimator (default)",
-            table.cost("finger")?,
-            vec![normal("finger")?, shear("finger")?, place("finger")?, torsion("finger")?],
-        ),
-        row(
-            "matrix; both",
-            "two contacts at once",
-            "model of two contacts: field `contacts`",
-            format!("{two:.1}k at worst, with all else"),
-            vec![format!("found {}; {}, two pitches apart", contacts(2)?, contacts(4)?)],
-        ),
-    ]))
+    rows.push(format!(
+        "| matrix; both | two contacts at once | model of two contacts: field `contacts` | {two:.1}k at worst, \
+         with all else | found {}; {}, two pitches apart | – |",
+        found(2)?,
+        found(4)?
+    ));
+    Ok(lines(rows))
 }
 
 fn slip() -> Result<String> {

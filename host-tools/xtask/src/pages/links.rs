@@ -8,7 +8,7 @@ use std::path::{Component, Path, PathBuf};
 use anyhow::{Context, Result};
 
 #[cfg(test)]
-use crate::run::root;
+use crate::run::{clean, lines, root};
 
 /// Page that lists all others.
 pub const INDEX: &str = "docs/index.md";
@@ -122,25 +122,13 @@ pub fn anchors(text: &str) -> BTreeSet<String> {
     found
 }
 
-/// Paths of all Markdown pages of the repository.
+/// Paths of all Markdown pages of the repository, those that git does not know yet included.
 #[cfg(test)]
 pub fn pages() -> Result<Vec<String>> {
     let root = root();
-    let (mut open, mut found) = (vec![root.clone()], Vec::new());
-    while let Some(folder) = open.pop() {
-        let entries = std::fs::read_dir(&folder).with_context(|| folder.display().to_string())?;
-        for entry in entries {
-            let path = entry?.path();
-            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            if path.is_dir() && !name.starts_with('.') && name != "target" {
-                open.push(path);
-            } else if name.ends_with(".md") {
-                found.push(path.strip_prefix(&root)?.display().to_string());
-            }
-        }
-    }
-    found.sort();
-    Ok(found)
+    let words = ["ls-files", "--cached", "--others", "--exclude-standard", "*.md"];
+    let found = lines(clean("git", &root).args(words)).context("`git ls-files` fails")?;
+    Ok(found.into_iter().filter(|page| root.join(page).is_file()).collect())
 }
 
 #[cfg(test)]
