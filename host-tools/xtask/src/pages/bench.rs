@@ -2,7 +2,8 @@
 
 use anyhow::{Context, Result, ensure};
 
-use super::tables::read;
+use super::reference::{CELL, FIGURES, LABELS};
+use super::tables::{Csv, cell, read};
 use crate::marks::Part;
 use crate::run::root;
 
@@ -109,22 +110,126 @@ fn steps(board: &str) -> Result<Vec<Step>> {
     Ok(steps)
 }
 
-/// Tables of the boards, for the page.
+/// Tables of the boards and of the finger, for the page.
 pub fn parts() -> Result<Vec<Part>> {
-    BOARDS.into_iter().map(|board| Ok((board, table(board)?))).collect()
+    let mut parts = Vec::new();
+    for board in BOARDS {
+        let page = format!("boards/{board}.md#not-verified-on-hardware");
+        parts.push((board, table(&steps(board)?, |check| format!("[{check}]({page})"))));
+    }
+    parts.push(("finger", table(&finger()?, str::to_owned)));
+    Ok(parts)
 }
 
-fn table(board: &str) -> Result<String> {
-    let mut out = "| step | minutes | check | on the bench | expected | measured |\n|---|---|---|---|---|---|\n".to_owned();
-    let steps = steps(board)?;
-    let all: u32 = steps.iter().map(|step| step.minutes).sum();
-    for Step { name, minutes, check, bench, expected } in steps {
-        let minutes = if minutes == 0 { "alone".to_owned() } else { minutes.to_string() };
-        let link = format!("[{check}](boards/{board}.md#not-verified-on-hardware)");
-        out += &format!("| {name} | {minutes} | {link} | {bench} | {expected} | |\n");
+fn table(steps: &[Step], check: impl Fn(&str) -> String) -> String {
+    let mut out = "| step | minutes | check | on the bench | expected | measured |\n|---|---|---|---|---|---|\n"
+        .to_owned();
+    for step in steps {
+        let Step { name, minutes, bench, expected, .. } = step;
+        let minutes = if *minutes == 0 { "alone".to_owned() } else { minutes.to_string() };
+        let check = check(&step.check);
+        out += &format!("| {name} | {minutes} | {check} | {bench} | {expected} | |\n");
     }
-    out += &format!("\nAt the bench: {all} minutes.\n");
-    Ok(out)
+    let all: u32 = steps.iter().map(|step| step.minutes).sum();
+    out + &format!("\nAt the bench: {all} minutes.\n")
+}
+
+/// Steps of the finger on a board, with what the reference finger does in simulation.
+fn finger() -> Result<Vec<Step>> {
+    let (figures, labels) = (Csv::read(FIGURES)?, Csv::read(LABELS)?);
+    let both = |name: &str, digits: usize, unit: &str| {
+        let of = |part| figures.mean(&[("figure", name), ("part", part)], "value");
+        let [all, matrix] = [of("both")?, of("matrix")?];
+        let words = format!("{all:.digits$} {unit} (matrix alone {matrix:.digits$} {unit})");
+        Ok::<_, anyhow::Error>(words.replace('-', "−"))
+    };
+    let error = |part, column| labels.mean(&[("labels", CELL), ("part", part)], column);
+    let errors = |part| {
+        let axes = ["fx / mN", "fy / mN", "fz / mN"].map(|axis| error(part, axis));
+        let [x, y, z] = axes;
+        Ok::<_, anyhow::Error>(format!("{:.0} / {:.0} / {:.0} mN", x?, y?, z?))
+    };
+    let front = "docs/front-end.md";
+    let rest = cell(front, "The signal chain", "steps of 12 bits", 2)?;
+    let room = "room light left after the dark step is subtracted";
+    let room = cell(front, "What the circuit simulation says", room, 2)?;
+    let place = error("both", "point middle / mm")?;
+    let steps = [
+        (
+            2,
+            "every channel",
+            "`taxel self-test`, nothing touching, in the dark",
+            "exit code 0, no channel named".to_owned(),
+        ),
+        (
+            5,
+            "light at rest",
+            "`taxel record --fields codes --duration 10 --out rest.csv`; each `lit_…` less its `dark_…`, × 4096 / 65536",
+            format!("{rest}, within a half of it"),
+        ),
+        (
+            5,
+            "room light",
+            "the same with a lamp on and off",
+            format!("`dark_…` moves; `lit_…` less `dark_…` by {room} of that"),
+        ),
+        (
+            10,
+            "wiring and gap",
+            "`taxel view`, a pen over each taxel and each force sensor",
+            "its own square turns blue, none orange; its circle fills".to_owned(),
+        ),
+        (
+            20,
+            "calibration",
+            "`taxel record --fields codes --duration 60 --out presses.mcap` and the load cell's log, three times; \
+             fit two of them",
+            "the fit ends without refusal".to_owned(),
+        ),
+        (
+            5,
+            "accuracy",
+            "`taxel calibrate evaluate --data unseen.mcap --reference unseen-cell.csv --calibration finger.toml`",
+            format!(
+                "F_x / F_y / F_z {} (matrix alone {}); place {place:.2} mm, if the cell's log has it",
+                errors("both")?,
+                errors("matrix")?
+            ),
+        ),
+        (
+            3,
+            "resolution",
+            "100 g lying still, `taxel record --fields force,point --duration 10 --out held.csv`; standard deviations",
+            format!("F_z {}", both("sigma fz_n", 1, "mN")?),
+        ),
+        (
+            3,
+            "creep",
+            "100 g for a minute, `taxel record --fields force --duration 70 --out creep.csv`",
+            format!("{} of the load", both("creep in a minute", 1, "%")?),
+        ),
+        (
+            3,
+            "step",
+            "100 g taken off by its thread, `taxel record --rate 4000 --fields force --duration 5 --out step.csv`",
+            format!("90 % after {}; then zero", both("settles within 10 %", 1, "ms")?),
+        ),
+        (
+            15,
+            "temperature",
+            "100 g at room temperature and 10 K warmer, `taxel record --fields force,codes --duration 60 --out warm.csv` each",
+            format!(
+                "changes by {} at 0.5 N, {} at 1.5 N",
+                both("warmed by 10 K at 0.5 N", 0, "mN")?,
+                both("warmed by 10 K at 1.5 N", 0, "mN")?
+            ),
+        ),
+    ];
+    let numbered = steps.into_iter().enumerate().map(|(at, (minutes, check, bench, expected))| {
+        let (name, check, bench) = (format!("F{}", at + 1), check.to_owned(), bench.to_owned());
+        Step { name, minutes, check, bench, expected }
+    });
+    Ok(numbered.collect())
 }
 
 /// Path of a board's form.
@@ -137,28 +242,10 @@ fn blank(board: &str) -> Result<Vec<u8>> {
     let head = format!("# board={board}\n# serial=\n# firmware=\n# date=\n# by=\n");
     let mut writer = csv::Writer::from_writer(head.into_bytes());
     writer.write_record(["step", "check", "expected", "measured", "unit", "passed", "note"])?;
-    for Step { name, check, expected, .. } in steps(board)? {
-        writer.write_record([&name, &check, &expected, "", "", "", ""])?;
-    }
-    for [name, check, _, expected] in finger()? {
+    for Step { name, check, expected, .. } in steps(board)?.into_iter().chain(finger()?) {
         writer.write_record([&name, &check, &expected, "", "", "", ""])?;
     }
     writer.into_inner().context("blank form")
-}
-
-/// Steps of the page's own table for the finger: name, check, bench, expected.
-fn finger() -> Result<Vec<[String; 4]>> {
-    let text = read(PAGE)?;
-    let table = text.lines().filter(|line| line.starts_with("| F"));
-    table
-        .map(|line| {
-            let cells: Vec<&str> = line.trim_matches('|').split('|').map(str::trim).collect();
-            let [name, _, check, bench, expected, _] = cells[..] else {
-                anyhow::bail!("{PAGE}: not six cells: {line}")
-            };
-            Ok([name, check, bench, expected].map(str::to_owned))
-        })
-        .collect()
 }
 
 /// Writes the blank forms; returns those that differed.
@@ -185,11 +272,7 @@ mod tests {
 
     #[test]
     fn protocol_takes_half_a_day() {
-        let text = read(PAGE).unwrap();
-        let cells = text.lines().filter(|line| line.starts_with("| F"));
-        let minutes = cells.filter_map(|line| line.split('|').nth(2)?.trim().parse::<u32>().ok());
-        let finger: u32 = minutes.sum();
-        assert!(finger > 20, "{finger}");
+        let finger: u32 = finger().unwrap().iter().map(|step| step.minutes).sum();
         for board in BOARDS {
             let attended: u32 = steps(board).unwrap().iter().map(|step| step.minutes).sum();
             assert!(attended + finger <= HALF_A_DAY, "{board}: {attended} + {finger} minutes");
