@@ -157,6 +157,15 @@ fn measures() -> Result<String> {
             sim,
             measured,
         ),
+        measure(
+            "devices behind accuracy; behind all else",
+            pair(|part| {
+                let of = [("finger", "reference finger"), ("part", part)];
+                Ok(format!("{}; 1", ablation.cells(&of, "device")?.len()))
+            })?,
+            sim,
+            ablated,
+        ),
         unknown("drift over days; life", "–"),
         measure(
             "two contacts two pitches apart, found",
