@@ -7,7 +7,8 @@ mod deck;
 mod front_end;
 mod measure;
 mod mesh;
-mod mould;
+pub mod mould;
+pub mod mount;
 mod page;
 mod schematic;
 mod spice;
@@ -31,6 +32,8 @@ fn files() -> Vec<(String, Vec<u8>)> {
         of("sym-lib-table", table.to_owned()),
         of("taxel.kicad_pro", project.to_owned()),
         ("docs/images/mould.svg".to_owned(), mould::picture().into_bytes()),
+        ("docs/images/mount.svg".to_owned(), mount::drawing().into_bytes()),
+        ("docs/mould/mount.stl".to_owned(), mount::stl()),
     ];
     files.extend(
         mould::files().into_iter().map(|(name, bytes)| (format!("docs/mould/{name}"), bytes)),

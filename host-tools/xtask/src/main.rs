@@ -3,6 +3,7 @@
 //! `.ci/setup` installs the tools that a task needs and the machine lacks.
 
 mod bill;
+mod book;
 mod changes;
 mod costs;
 mod cycles;
@@ -11,7 +12,9 @@ mod firmware;
 mod fuzz;
 mod hardware;
 mod image;
+mod marks;
 mod memory;
+mod pages;
 mod panics;
 mod protocol;
 mod python;
@@ -75,6 +78,10 @@ enum Task {
         #[arg(long)]
         check: bool,
     },
+    /// Writes the parts of documents that quote committed tables: spec sheet, choices, bench
+    Pages(pages::Pages),
+    /// Builds the documentation as one book by mdBook into target/book, and checks its links
+    Book,
     /// Writes the parts of documents and clients that are generated from src/frame/schema.rs
     Protocol {
         /// Writes nothing; fails where a part differs
@@ -94,6 +101,8 @@ fn main() -> ExitCode {
         Task::Cycles(cycles) => cycles::task(&cycles),
         Task::Registers { check } => registers::task(check),
         Task::Hardware { check } => hardware::task(check),
+        Task::Pages(pages) => pages::task(&pages),
+        Task::Book => book::task(),
         Task::Protocol { check } => protocol::task(check),
     };
     match done.and_then(|()| steps.summary()) {

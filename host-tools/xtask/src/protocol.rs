@@ -8,15 +8,11 @@ mod docs;
 mod page;
 mod python;
 
-use std::path::Path;
-
 use anyhow::{Context, Result, bail};
 use taxel::frame::schema::{Columns, FIELDS, Field, Type};
 
+use crate::marks::{Part, lines, update};
 use crate::run::root;
-
-/// Generated part of a file: its name and its lines.
-type Part = (&'static str, String);
 
 /// Writes the parts; with `check`, fails if one differs and writes nothing.
 pub fn task(check: bool) -> Result<()> {
@@ -31,7 +27,7 @@ pub fn task(check: bool) -> Result<()> {
     ];
     let mut different = Vec::new();
     for (file, parts) in files {
-        if update(&root().join(file), &parts, check).with_context(|| file.to_owned())? {
+        if update(&root().join(file), "schema", &parts, check).with_context(|| file.to_owned())? {
             different.push(file);
         }
     }
@@ -42,40 +38,6 @@ pub fn task(check: bool) -> Result<()> {
         );
     }
     Ok(())
-}
-
-/// Returns whether the file differs from its parts; writes it unless `check`.
-fn update(path: &Path, parts: &[Part], check: bool) -> Result<bool> {
-    let text = std::fs::read_to_string(path)?;
-    let filled = parts.iter().try_fold(text.clone(), |text, part| fill(&text, part))?;
-    let different = filled != text;
-    if different && !check {
-        std::fs::write(path, filled)?;
-    }
-    Ok(different)
-}
-
-/// Replaces the lines of a part in the text.
-fn fill(text: &str, (name, lines): &Part) -> Result<String> {
-    let (begin, end) = (format!("schema: {name}"), "schema: end");
-    let start = text
-        .lines()
-        .position(|line| line.split(' ').collect::<Vec<_>>().join(" ").contains(&begin));
-    let start = start.with_context(|| format!("no line with `{begin}`"))?;
-    let rest = text.lines().skip(start + 1).position(|line| line.contains(end));
-    let stop = start + 1 + rest.with_context(|| format!("no `{end}` after `{begin}`"))?;
-    let all: Vec<&str> = text.lines().collect();
-    let mut filled = all[..=start].join("\n") + "\n" + lines;
-    for line in &all[stop..] {
-        filled += line;
-        filled += "\n";
-    }
-    Ok(filled)
-}
-
-/// Joins the lines, each with a line feed.
-fn lines(lines: impl IntoIterator<Item = String>) -> String {
-    lines.into_iter().map(|line| line + "\n").collect()
 }
 
 /// Lists the names of a field's columns.
@@ -144,14 +106,5 @@ mod tests {
                 assert_eq!(columns(field).len(), numbers, "{}", field.name);
             }
         }
-    }
-
-    #[test]
-    fn part_without_its_markers_is_an_error() {
-        let part = ("names", "new\n".to_owned());
-        let filled = fill("a\n# schema: names\nold\n# schema: end\nb\n", &part).unwrap();
-        assert_eq!(filled, "a\n# schema: names\nnew\n# schema: end\nb\n");
-        assert!(fill("# schema: name\n# schema: end\n", &part).is_err());
-        assert!(fill("# schema: names\n", &part).is_err());
     }
 }

@@ -7,9 +7,10 @@ use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 
 use crate::changes::Changes;
+use crate::pages::Pages;
 use crate::run::{answer, cargo, clean, locked, program, root, run, setup, target};
 use crate::steps::Steps;
-use crate::{cycles, emulator, firmware, fuzz, protocol, python, toolchain};
+use crate::{cycles, emulator, firmware, fuzz, pages, protocol, python, toolchain};
 
 /// Arguments of `cargo xtask test`.
 #[derive(Args)]
@@ -169,6 +170,7 @@ pub fn task(test: &Test, steps: &mut Steps) -> Result<()> {
 fn quick(all: bool, steps: &mut Steps) -> Result<()> {
     steps.take("format", || run(cargo().args(["fmt", "--all", "--check"])))?;
     steps.take("parts made from the frame schema", || protocol::task(true))?;
+    steps.take("parts made from tables", || pages::task(&Pages::CHECK))?;
     let changes = if all { Changes::Everything } else { Changes::since_main()? };
     steps.take(&format!("quick tests of {changes}"), || {
         run(&mut tests(Profile::Quick, &root(), Selection::Filter(&changes.filter()))?)
@@ -204,6 +206,7 @@ fn lint(compiled: bool, steps: &mut Steps) -> Result<()> {
         run(command.args(["--", "-D", "warnings"]))
     })?;
     steps.take("parts made from the frame schema", || protocol::task(true))?;
+    steps.take("parts made from tables", || pages::task(&Pages::CHECK))?;
     steps.take("fuzz targets compile", fuzz::check)
 }
 

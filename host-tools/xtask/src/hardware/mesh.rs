@@ -142,6 +142,7 @@ pub fn picture(solids: &[(&str, Solid, [f64; 3])]) -> String {
         };
         let faces = solid.faces();
         let highest = faces.iter().map(|face| face[0][2]).max().unwrap_or(1);
+        let widest = faces.iter().flatten().map(|corner| corner[0]).max().unwrap_or(0);
         for face in faces {
             let [x, y, z] = normal(&[face[0], face[1], face[2]]);
             // Higher is lighter.
@@ -155,7 +156,9 @@ pub fn picture(solids: &[(&str, Solid, [f64; 3])]) -> String {
             let corners = face.map(moved);
             drawn.push((corners.map(project), fill));
         }
-        names.push((*name, project([place[0] + 17.0, place[1], place[2]])));
+        // Right of the solid, whose right edge leans back.
+        let beside = f64::max(17.0, 1.6 * widest as f64 / 100.0 - 7.0);
+        names.push((*name, project([place[0] + beside, place[1], place[2]])));
     }
     let all = drawn.iter().flat_map(|(corners, _)| corners);
     let (mut low, mut high) = ([f64::MAX; 2], [f64::MIN; 2]);

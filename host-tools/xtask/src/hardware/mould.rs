@@ -13,7 +13,7 @@ pub const SKIN_MM: f64 = 16.0;
 /// Width of the frame in mm.
 pub const FRAME_MM: f64 = 24.0;
 /// Distance of the screws from the middle, and width of their holes for M2, in mm.
-const SCREW_MM: [f64; 2] = [10.2, 2.2];
+pub const SCREW_MM: [f64; 2] = [10.2, 2.2];
 /// Clearance between two parts in mm.
 const CLEARANCE_MM: f64 = 0.1;
 /// Length and width of an SFH3010's package in mm.
@@ -35,7 +35,8 @@ fn taxels() -> impl Iterator<Item = [f64; 2]> {
 }
 
 /// Box around a middle with these widths, between two heights.
-fn around([x, y]: [f64; 2], [width, length]: [f64; 2], [low, high]: [f64; 2]) -> Block {
+#[must_use]
+pub fn around([x, y]: [f64; 2], [width, length]: [f64; 2], [low, high]: [f64; 2]) -> Block {
     [[x - width / 2.0, y - length / 2.0, low], [x + width / 2.0, y + length / 2.0, high]]
 }
 
