@@ -227,6 +227,40 @@ fn recording_without_codes_plays_its_frames() {
     assert!(error.contains("this board cannot do that"), "{error}");
 }
 
+/// Records as a beginner does, and fits what was recorded.
+#[test]
+fn default_recording_can_be_fitted() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    std::fs::write(folder.path().join("presses.toml"), crate::common::SHORT_PRESSES).unwrap();
+    let simulate = ["simulate", "--scene", "presses.toml", "--seed", "3"];
+    taxel.succeeds(&[simulate.as_slice(), &["--cell", "cell.csv", "--out", "codes.csv"]].concat());
+    let (mut finger, port) = served(&taxel, &["--port", "file:codes.csv", "--tcp", "127.0.0.1:0"]);
+    let fields = || {
+        let info = taxel.succeeds(&["info", "--port", &port, "--json"]);
+        crate::common::json(&info)["fields"].clone()
+    };
+    let before = fields();
+    assert!(!before.to_string().contains("codes"), "{before}");
+    let record = |more: &[&str], out: &str| {
+        let args = ["record", "--port", &port, "--out", out];
+        taxel.succeeds(&[args.as_slice(), more].concat())
+    };
+    record(&["--duration", "0.2"], "first.mcap");
+    assert_eq!(fields(), before, "the finger keeps its fields");
+    record(&[], "presses.mcap");
+    finger.kill().unwrap();
+    finger.wait().unwrap();
+    let recording = Recording::open(&folder.path().join("presses.mcap")).unwrap();
+    assert!(recording.position("fz_n").is_some() && recording.position("bridge_s0_a").is_some());
+    let fit = ["calibrate", "fit", "--data", "presses.mcap", "--reference", "cell.csv"];
+    let fitted =
+        taxel.succeeds(&[fit.as_slice(), &["--model", "ridge", "--out", "finger.toml"]].concat());
+    assert!(fitted.contains("finger.toml"), "{fitted}");
+    let again = ["replay", "presses.mcap", "--calibration", "finger.toml", "--out", "again.csv"];
+    taxel.succeeds(&again);
+}
+
 #[test]
 fn replay_without_codes_is_refused() {
     let folder = tempfile::tempdir().unwrap();
