@@ -447,6 +447,7 @@ fn progress_is_shown_only_on_terminal() {
     let shares = said.split(" %").filter_map(|before| before.rsplit(' ').next()?.parse().ok());
     let shares: Vec<u32> = shares.collect();
     assert!(shares.is_sorted() && shares.iter().any(|share| (20..100).contains(share)), "{said}");
+    assert!(said.contains(" frames, 0 lost"), "{said}");
     assert!(said.contains("writing a.parquet"), "{said}");
     let again = [record.as_slice(), &["--force"]].concat();
     assert_eq!(taxel.taxel(&again).err, "");

@@ -20,6 +20,10 @@ use crate::output;
 pub trait Outlet: Send {
     /// Announces a connected finger, perhaps another than before, and returns its name.
     fn there(&mut self, port: &Port, info: &Info) -> anyhow::Result<String>;
+    /// Announces the connected finger with other settings.
+    fn changed(&mut self, _port: &Port, _: &Info) -> anyhow::Result<()> {
+        Ok(())
+    }
     /// Publishes a frame of the connected finger. `stamps` includes this frame already.
     fn frame(&mut self, received: &Received, stamps: &Timestamps) -> anyhow::Result<()>;
     /// Publishes the condition of the finger at `at`, about once a second.
@@ -125,7 +129,8 @@ impl Finger {
         let mut missed = false;
         while !self.shared.stop.load(Ordering::Relaxed) {
             while let Ok(info) = self.changed.try_recv() {
-                self.there(&info)?;
+                let port = self.steady.port();
+                self.outlets.iter_mut().try_for_each(|outlet| outlet.changed(port, &info))?;
             }
             self.beat(client.as_deref())?;
             match self.steady.next(LOOK) {

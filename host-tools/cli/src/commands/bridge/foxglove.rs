@@ -60,10 +60,16 @@ impl Topics {
 impl Outlet for Topics {
     fn there(&mut self, port: &Port, info: &Info) -> anyhow::Result<String> {
         self.connection += 1;
+        self.changed(port, info)?;
+        Ok(info.identity.serial.to_string())
+    }
+
+    /// Opens the topics again if the finger or its fields are other ones.
+    fn changed(&mut self, port: &Port, info: &Info) -> anyhow::Result<()> {
         let serial = info.identity.serial.as_str();
         let same = |c: &Channel| c.serial == serial && c.fields == info.fields;
         if self.channel.as_ref().is_some_and(same) {
-            return Ok(serial.to_owned());
+            return Ok(());
         }
         let topic = schema::topic(serial);
         let descriptor = schema::descriptor(&row_columns(info.fields));
@@ -79,7 +85,7 @@ impl Outlet for Topics {
             flags: scene::Flags::default(),
             drawn: Duration::ZERO,
         });
-        Ok(serial.to_owned())
+        Ok(())
     }
 
     fn frame(&mut self, received: &Received, stamps: &Timestamps) -> anyhow::Result<()> {
