@@ -235,22 +235,7 @@ fn default_recording_can_be_fitted() {
     std::fs::write(folder.path().join("presses.toml"), crate::common::SHORT_PRESSES).unwrap();
     let simulate = ["simulate", "--scene", "presses.toml", "--seed", "3"];
     taxel.succeeds(&[simulate.as_slice(), &["--cell", "cell.csv", "--out", "codes.csv"]].concat());
-    let (mut finger, port) = served(&taxel, &["--port", "file:codes.csv", "--tcp", "127.0.0.1:0"]);
-    let fields = || {
-        let info = taxel.succeeds(&["info", "--port", &port, "--json"]);
-        crate::common::json(&info)["fields"].clone()
-    };
-    let before = fields();
-    assert!(!before.to_string().contains("codes"), "{before}");
-    let record = |more: &[&str], out: &str| {
-        let args = ["record", "--port", &port, "--out", out];
-        taxel.succeeds(&[args.as_slice(), more].concat())
-    };
-    record(&["--duration", "0.2"], "first.mcap");
-    assert_eq!(fields(), before, "the finger keeps its fields");
-    record(&[], "presses.mcap");
-    finger.kill().unwrap();
-    finger.wait().unwrap();
+    taxel.succeeds(&["record", "--port", "file:codes.csv", "--out", "presses.mcap"]);
     let recording = Recording::open(&folder.path().join("presses.mcap")).unwrap();
     assert!(recording.position("fz_n").is_some() && recording.position("bridge_s0_a").is_some());
     let fit = ["calibrate", "fit", "--data", "presses.mcap", "--reference", "cell.csv"];
@@ -259,6 +244,25 @@ fn default_recording_can_be_fitted() {
     assert!(fitted.contains("finger.toml"), "{fitted}");
     let again = ["replay", "presses.mcap", "--calibration", "finger.toml", "--out", "again.csv"];
     taxel.succeeds(&again);
+}
+
+#[test]
+fn finger_keeps_its_fields_after_a_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    let (mut finger, port) = served(&taxel, &["--port", "sim:press", "--tcp", "127.0.0.1:0"]);
+    let fields = || {
+        let info = taxel.succeeds(&["info", "--port", &port, "--json"]);
+        crate::common::json(&info)["fields"].clone()
+    };
+    let before = fields();
+    assert!(!before.to_string().contains("codes"), "{before}");
+    taxel.succeeds(&["record", "--port", &port, "--duration", "0.2", "--out", "a.mcap"]);
+    assert_eq!(fields(), before);
+    finger.kill().unwrap();
+    finger.wait().unwrap();
+    let recording = Recording::open(&folder.path().join("a.mcap")).unwrap();
+    assert!(recording.position("lit_r0c0").is_some());
 }
 
 #[test]
