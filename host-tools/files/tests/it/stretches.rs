@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use taxel_files::frames::{Cell, Column, Kind};
 use taxel_files::recording::{Existing, Header, Recorder, Recording, host_columns};
 
-const HZ: u64 = 50;
+const HZ: u64 = 200;
 const START_US: u64 = 5_000_000;
 
 /// Ten minutes of frames with one value, in chunks of half a second as `taxel record` flushes them.
