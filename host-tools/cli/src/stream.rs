@@ -12,6 +12,8 @@ use crate::output;
 
 /// Interval at which the loop checks whether to stop.
 const LOOK: Duration = Duration::from_millis(100);
+/// Interval of the progress in words.
+const TELL: Duration = Duration::from_millis(250);
 /// Silence after which a stream counts as broken.
 const DRY: Duration = Duration::from_secs(5);
 
@@ -67,9 +69,10 @@ pub fn run(
     client.iter().try_for_each(|client| client.stream(true))?;
     let mut tally = Tally::default();
     let mut heard = Instant::now();
+    let mut told = Instant::now();
     let mut gone: Option<LinkError> = None;
     let enough = |seconds: f64| duration.is_some_and(|duration| seconds >= duration);
-    let bar = bar(duration)?;
+    let bar = bar(duration, awaited)?;
     // Notes are printed above the bar.
     let note = |text: String| bar.suspend(|| output::note(text));
     let broken = loop {
@@ -84,6 +87,10 @@ pub fn run(
                 }
                 tally.add(&received);
                 bar.set_position(millis(tally.duration_s()));
+                if awaited && told.elapsed() >= TELL {
+                    told = Instant::now();
+                    bar.set_message(tally.progress(client.as_deref()));
+                }
                 each(Next::Frame(&received))?;
             }
             Event::Connecting => {
@@ -140,10 +147,15 @@ pub fn leave(
     });
 }
 
-/// Creates the progress bar, in milliseconds; hidden if the stream runs until Ctrl-C.
-fn bar(duration: Option<f64>) -> anyhow::Result<ProgressBar> {
-    let Some(seconds) = duration else { return Ok(ProgressBar::hidden()) };
-    let style = ProgressStyle::with_template("{wide_bar} {percent} % {eta}")?;
+/// Creates the progress bar, in milliseconds. A stream until Ctrl-C has words alone, or nothing if
+/// the command shows its frames itself.
+fn bar(duration: Option<f64>, words: bool) -> anyhow::Result<ProgressBar> {
+    let Some(seconds) = duration else {
+        let style = ProgressStyle::with_template("{msg}")?;
+        let spinner = if words { ProgressBar::new_spinner() } else { ProgressBar::hidden() };
+        return Ok(spinner.with_style(style));
+    };
+    let style = ProgressStyle::with_template("{wide_bar} {percent} % {eta} {msg}")?;
     Ok(ProgressBar::new(millis(seconds)).with_style(style))
 }
 
@@ -191,6 +203,13 @@ impl Tally {
         self.summary.duration_s = elapsed;
         self.first.get_or_insert(*received);
         self.last = Some(*received);
+    }
+
+    /// Returns duration and counts so far, in words.
+    fn progress(&self, client: Option<&Client>) -> String {
+        let counts = client.map(Client::counts).unwrap_or_default();
+        let lost = self.summary.lost + counts.lost + counts.overflow;
+        format!("{:.0} s, {} frames, {lost} lost", self.duration_s(), self.summary.frames)
     }
 
     fn end_connection(&mut self, client: &Client) {

@@ -215,6 +215,20 @@ impl Recording {
         }
     }
 
+    /// Opens a recording at or before a device time in seconds, without reading what lies before it
+    /// where the format and the file permit: rows before it may come first.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_from(path: &Path, seconds: f64) -> Result<Self, FileError> {
+        let micros = (seconds * 1e6).floor();
+        match Format::of(path)? {
+            // A negative time or none is the beginning.
+            Format::Mcap if micros > 0.0 => mcap::open_from(path, micros as u64),
+            _ => Self::open(path),
+        }
+    }
+
     /// Returns the remark on a recording that is not [whole](Self::whole).
     #[must_use]
     pub fn cut_short(&self, path: &Path) -> String {

@@ -20,6 +20,12 @@ impl Stretch {
         Self { path: path.as_ref().to_owned(), from: f64::NEG_INFINITY, to: f64::INFINITY }
     }
 
+    /// Begin in seconds; negative infinity if it is open.
+    #[must_use]
+    pub fn from(&self) -> f64 {
+        self.from
+    }
+
     /// Returns a frame's time in seconds as it is read from its decimal text, to the bit.
     #[must_use]
     pub fn seconds(micros: u64) -> f64 {

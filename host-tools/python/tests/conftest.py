@@ -2,7 +2,9 @@
 
 import os
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -18,3 +20,21 @@ def command() -> str:
     build = ["cargo", "build", "--quiet", "--target-dir", str(target), "--bin", "taxel"]
     subprocess.run([*build, "--features", "zenoh,foxglove"], cwd=ROOT, check=True)
     return str(target / "debug" / "taxel")
+
+
+@pytest.fixture(scope="session")
+def store() -> Any:
+    """The types of ROS 2 and ours, of another project's CDR decoder."""
+    from bridges import listen
+
+    return listen.typestore()
+
+
+@pytest.fixture
+def network(store: Any) -> Iterator[Any]:
+    """A Zenoh network for bridges to publish in."""
+    from bridges import Network, free_endpoint
+
+    network = Network(store, 3, free_endpoint())
+    yield network
+    network.session.close()

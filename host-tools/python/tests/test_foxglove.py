@@ -12,9 +12,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
-from fingers import CALIBRATION, replayed
+from fingers import CALIBRATION, ROOT, replayed, rows
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
@@ -134,3 +135,102 @@ def test_fingers_are_topics_and_used_address_is_an_error(command: str):
         assert "--foxglove HOST:PORT names another address" in line
         process.send_signal(signal.SIGINT)
         assert process.wait(20) == 0
+
+
+def test_scene_draws_pad_taxels_and_force(command: str, tmp_path: Path):
+    trace, expected = replayed(command, "presses", tmp_path)
+    more = ["--calibration", str(CALIBRATION), "--fields", "all"]
+    with bridge(command, [f"file:{trace}"], *more) as (_, url), open_viewer(url) as viewer:
+        offered = channels(viewer, {"/taxel/trace", "/taxel/trace/scene"})
+        channel, frames = offered["/taxel/trace/scene"], offered["/taxel/trace"]
+        assert (channel["encoding"], channel["schemaName"]) == ("protobuf", "foxglove.SceneUpdate")
+        scene, frame = message_class(channel), message_class(frames)
+        by_time, arrows, bare = {}, 0, 0
+        for of, nanos, payload in messages(viewer, {1: channel["id"], 2: frames["id"]}):
+            if of == 2:
+                by_time[nanos] = frame.FromString(payload)
+                continue
+            (entity,) = scene.FromString(payload).entities
+            assert (entity.frame_id, entity.id) == ("trace", "finger")
+            assert entity.timestamp.ToNanoseconds() == nanos
+            pad, *taxels = entity.cubes
+            assert (pad.size.x, pad.size.y, len(taxels)) == (0.01, 0.01, 16)
+            places = {(round(1e5 * t.pose.position.x), round(1e5 * t.pose.position.y)) for t in taxels}
+            assert places == {(x, y) for x in (-375, -125, 125, 375) for y in (-375, -125, 125, 375)}
+            if nanos not in by_time:
+                continue
+            row = expected[by_time[nanos].t_us]
+            if not row["x_mm"] or not row["fz_n"]:
+                assert not entity.arrows
+                bare += 1
+                continue
+            (arrow,) = entity.arrows
+            force = np.array([float(row[name]) for name in ("fx_n", "fy_n", "fz_n")])
+            length = arrow.shaft_length + arrow.head_length
+            assert np.isclose(length, 0.01 * np.linalg.norm(force), rtol=1e-4)
+            # The arrow's x axis, turned by its orientation, leads from its tail to the contact.
+            q = arrow.pose.orientation
+            x, y, z, w = q.x, q.y, q.z, q.w
+            along = [1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)]
+            tail = np.array([arrow.pose.position.x, arrow.pose.position.y, arrow.pose.position.z])
+            tip = 1e-3 * np.array([float(row["x_mm"]), float(row["y_mm"]), 0])
+            assert np.allclose(tail + length * np.array(along), tip, atol=1e-6)
+            arrows += 1
+            if arrows > 30 and bare > 5:
+                return
+
+
+def test_flags_are_lines_of_the_log(command: str):
+    with bridge(command, ["sim:fault-dead-led"]) as (_, url), open_viewer(url) as viewer:
+        channel = channels(viewer, {"/taxel/fault-dead-led/log"})["/taxel/fault-dead-led/log"]
+        assert channel["schemaName"] == "foxglove.Log"
+        log = message_class(channel)
+        error = log.DESCRIPTOR.fields_by_name["level"].enum_type.values_by_name["ERROR"].number
+        for _, nanos, payload in messages(viewer, {1: channel["id"]}):
+            line = log.FromString(payload)
+            assert (line.name, line.timestamp.ToNanoseconds()) == ("fault-dead-led", nanos)
+            if line.message.startswith("dead-taxel: "):
+                assert line.level == error and "taxel self-test" in line.message
+                return
+
+
+def test_layouts_show_what_is_published(command: str, tmp_path: Path):
+    """Every topic and every plotted value of the layouts exists, with the schema its panel draws."""
+    layout = json.loads((ROOT / "host-tools/cli/layouts/foxglove.json").read_text())
+    panels = layout["configById"]
+
+    def leaves(node: Any) -> Iterator[str]:
+        if isinstance(node, str):
+            yield node
+        else:
+            yield from leaves(node["first"])
+            yield from leaves(node["second"])
+
+    assert set(leaves(layout["layout"])) == panels.keys()
+    wanted = {"/taxel/tour", "/taxel/tour/scene", "/taxel/tour/log"}
+    with bridge(command, ["sim:tour"]) as (_, url), open_viewer(url) as viewer:
+        offered = channels(viewer, wanted)
+    fields = message_class(offered["/taxel/tour"]).DESCRIPTOR.fields_by_name
+    plotted = 0
+    for name, panel in panels.items():
+        match name.split("!")[0]:
+            case "3D":
+                (topic,) = panel["topics"]
+                assert offered[topic]["schemaName"] == "foxglove.SceneUpdate"
+            case "Log":
+                assert offered[panel["topicToRender"]]["schemaName"] == "foxglove.Log"
+            case "Plot":
+                for path in panel["paths"]:
+                    topic, _, value = path["value"].rpartition(".")
+                    assert topic == "/taxel/tour" and value in fields, path
+                    plotted += 1
+            case other:
+                raise AssertionError(other)
+    assert plotted > 5
+    recorded = tmp_path / "tour.csv"
+    record = [command, "record", "--port", "sim:tour", "--duration", "0.2", "--out", str(recorded)]
+    subprocess.run(record, check=True, capture_output=True)
+    columns = next(rows(recorded)).keys()
+    juggler = ElementTree.parse(ROOT / "host-tools/cli/layouts/plotjuggler.xml")
+    curves = {curve.get("name") for curve in juggler.iter("curve")}
+    assert len(curves) > 5 and curves <= columns

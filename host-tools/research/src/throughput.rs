@@ -6,7 +6,8 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, anyhow, ensure};
-use taxel::calibration::MAX_BYTES;
+use taxel::calibration::{Calibration, MAX_BYTES};
+use taxel::finger::{Estimate, Finger, Wanted};
 use taxel::frame::{Fields, Frame};
 use taxel::instrument::Instrument;
 use taxel::store::{RamFlash, Store};
@@ -14,6 +15,8 @@ use taxel::units::FullScale;
 use taxel::wire::deframer::Deframer;
 use taxel::wire::message::{Command, Identity, Message, Request};
 use taxel::wire::{MAX_PACKET, pack_frame};
+use taxel_files::frames::{Cell, cells, columns};
+use taxel_files::recording::{Existing, Header, Recorder};
 use taxel_files::save;
 use taxel_files::trace::{Sample, TraceHeader, TraceReader, TraceWriter};
 use taxel_sim::{Scene, Simulator};
@@ -28,6 +31,8 @@ use crate::picture::save_page;
 const SCENE: &str = "tour";
 const SEED: u64 = 11;
 const SCAN_HZ: u16 = 4000;
+/// Fields of a replayed frame, as `taxel replay` writes by default.
+const FIELDS: Fields = Fields::ESTIMATES;
 /// Number of timed runs, of which the fastest counts because the machine may disturb the others.
 const RUNS: usize = 5;
 
@@ -109,6 +114,58 @@ pub fn measure(waiting: Waiting<'_>) -> anyhow::Result<Vec<Stage>> {
             read += 1;
         }
         Ok(read)
+    })?);
+
+    let calibration = Calibration::from_bytes(record).map_err(|error| anyhow!("{error:?}"))?;
+    let (finger, mut state) = Finger::new(Some(calibration.clone()));
+    let mut rows: Vec<Vec<Cell>> = Vec::new();
+    for (seq, sample) in (0..).zip(&samples) {
+        let estimate = finger.estimate(&mut state, &sample.scan);
+        let mut row = Vec::new();
+        cells(&estimate.frame(&sample.scan.codes, seq, FIELDS).into(), FIELDS, &mut row);
+        rows.push(row);
+    }
+    let frames = folder.path().join("frames.csv");
+    let recorder = || {
+        let columns = columns(FIELDS);
+        Recorder::derived(&frames, &Header::default(), &columns, Existing::Replace)
+    };
+    stages.push(timed("write frames (CSV)", rows.len(), || {
+        let mut recorder = recorder()?;
+        rows.iter().try_for_each(|row| recorder.write(row))?;
+        recorder.finish()?;
+        Ok(rows.len())
+    })?);
+    stages.push(timed("write frames (CSV) by the standard library's numbers", rows.len(), || {
+        let mut records = csv::Writer::from_path(&frames)?;
+        let mut text = Vec::new();
+        for row in &rows {
+            for cell in row {
+                text.clear();
+                std::io::Write::write_fmt(&mut text, format_args!("{cell}"))?;
+                records.write_field(&text)?;
+            }
+            records.write_record(None::<&[u8]>)?;
+        }
+        records.flush()?;
+        Ok(rows.len())
+    })?);
+    stages.push(timed("replay a trace into frames (CSV)", samples.len(), || {
+        let mut recorder = recorder()?;
+        let (finger, mut state) = Finger::new(Some(calibration.clone()));
+        let mut estimate = Estimate::NOTHING;
+        let (mut row, wanted) = (Vec::new(), Wanted { fields: FIELDS, due: true });
+        let mut done = 0;
+        for (seq, sample) in (0..).zip(TraceReader::open(&path)?) {
+            let scan = sample?.scan;
+            finger.update(&mut estimate, &mut state, &scan, wanted);
+            row.clear();
+            cells(&estimate.frame(&scan.codes, seq, FIELDS).into(), FIELDS, &mut row);
+            recorder.write(&row)?;
+            done += 1;
+        }
+        recorder.finish()?;
+        Ok(done)
     })?);
     Ok(stages)
 }

@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! finger ─ReconnectingClient▶ Finger ─┬─CDR──────▶ Nodes ───Zenoh──────▶ any Zenoh program
-//!                                     └─protobuf─▶ Topics ──WebSocket──▶ Foxglove
+//!   ▲                                 └─protobuf─▶ Topics ──WebSocket──▶ Foxglove
+//!   └──requests── Services ◀──calls── Nodes
 //! ```
 //! Both outlets always compile. Their transports, [`peer`] and [`websocket`], are real only with
 //! the features `zenoh` and `foxglove`, because those double the crates to build.
@@ -12,12 +13,15 @@ mod foxglove;
 mod graph;
 mod peer;
 mod ros;
+mod services;
+mod tool;
 mod websocket;
 mod zenoh;
 
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::channel;
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
@@ -30,7 +34,9 @@ use crate::finger::{address, closed, steady};
 use crate::interrupt::Interrupt;
 use crate::{output, stream};
 use finger::{Finger, Outlet, Report};
-use graph::Namespace;
+use graph::{Namespace, Qos};
+use services::Services;
+use tool::Tool;
 
 /// Interval at which the loop checks whether to stop.
 const LOOK: Duration = Duration::from_millis(100);
@@ -40,9 +46,10 @@ const LOOK: Duration = Duration::from_millis(100);
 ///
 /// --zenoh: no ROS is needed here. A ROS 2 system with RMW_IMPLEMENTATION=rmw_zenoh_cpp shows the
 /// fingers in its graph: `ros2 topic list`, `ros2 topic echo /taxel/F_0042/wrench`. Each finger is
-/// a node named after its serial number, with two topics: NAMESPACE/FINGER/wrench
-/// (geometry_msgs/WrenchStamped) and NAMESPACE/frames (taxel_msgs/Frame), which all fingers of all
-/// machines share. See docs/ros2.md.
+/// a node named after its serial number. Its topics below NAMESPACE/FINGER are wrench, contact_point
+/// and marker; NAMESPACE/frames (taxel_msgs/Frame), /tf and /diagnostics are shared by all fingers.
+/// Its services are tare and self_test; rate, filter, fields and method are parameters. See
+/// docs/ros2.md.
 ///
 /// --foxglove: each finger is a topic, /taxel/FINGER, with the messages of an MCAP recording. In
 /// Foxglove: Open connection, Foxglove WebSocket, ws://localhost:8765.
@@ -78,6 +85,14 @@ pub struct Args {
     /// Prefix of the names of nodes and topics.
     #[arg(long, value_name = "NAME", default_value = "/taxel")]
     namespace: Namespace,
+    /// Publish wrenches about the origin and along the axes of this frame: its pose in the finger's
+    /// frame, x,y,z in mm, or x,y,z,roll,pitch,yaw in mm and degrees (fixed axes, as in URDF). Given
+    /// once for all fingers, or once for each --port in order.
+    #[arg(long, value_name = "POSE", requires = "zenoh", allow_hyphen_values = true)]
+    tool: Vec<Tool>,
+    /// Announce the topics as best effort instead of reliable.
+    #[arg(long, requires = "zenoh")]
+    best_effort: bool,
     /// Frames a second [default: as the finger is set].
     #[arg(long, value_name = "HZ")]
     rate: Option<u16>,
@@ -101,6 +116,7 @@ const EXAMPLES: &str = "\
 Examples:
   taxel bridge --zenoh --port usb
   taxel bridge --zenoh --port usb:F-0042 --port usb:F-0043 --namespace /left_hand
+  taxel bridge --zenoh --port usb --tool 0,0,-25,0,0,90 --best-effort
   taxel bridge --foxglove --port usb
   taxel bridge --zenoh --port sim:tour --connect tcp/robot.local:7447 --domain 7";
 
@@ -122,27 +138,37 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         Some(domain) => domain,
         None => ros_domain()?,
     };
+    let tools = tools(&args.tool, args.port.len())?;
     let steadies =
         args.port.into_iter().map(|port| Ok(Arc::new(steady(port, args.calibration.as_deref())?)));
     let steadies = steadies.collect::<anyhow::Result<Vec<_>>>()?;
+    let qos = if args.best_effort { Qos::BestEffort } else { Qos::Reliable };
     let zenoh = args
         .zenoh
-        .then(|| zenoh::Session::open(domain, args.namespace, &args.connect, &args.listen));
+        .then(|| zenoh::Session::open(domain, args.namespace, qos, &args.connect, &args.listen));
     let zenoh = zenoh.transpose()?;
     let foxglove = args.foxglove.as_deref().map(foxglove::start).transpose()?;
-    let outlets = || -> Vec<Box<dyn Outlet>> {
-        let nodes = zenoh.clone().map(|session| Box::new(zenoh::Nodes::new(session)) as _);
-        let topics = foxglove.clone().map(|server| Box::new(foxglove::Topics::new(server)) as _);
-        nodes.into_iter().chain(topics).collect()
+    let outlets = |steady: &Arc<ReconnectingClient>, tool, changed| {
+        let nodes = zenoh.clone().map(|session| {
+            let services = Services::start(Arc::clone(steady), changed)?;
+            anyhow::Ok(Box::new(zenoh::Nodes::new(session, services, tool)) as Box<dyn Outlet>)
+        });
+        let topics = foxglove.clone().map(|server| {
+            let topics: Box<dyn Outlet> = Box::new(foxglove::Topics::new(server));
+            Ok(topics)
+        });
+        nodes.into_iter().chain(topics).collect::<anyhow::Result<Vec<_>>>()
     };
     let stop = AtomicBool::new(false);
     let shared = Arc::new(Shared { rate: args.rate, fields: args.fields, stop });
     let began = Instant::now();
-    let start = |steady: Arc<ReconnectingClient>| {
-        let finger = Finger::new(steady, Arc::clone(&shared), outlets());
-        std::thread::spawn(move || finger.serve())
+    let start = |(steady, tool): (Arc<ReconnectingClient>, Option<Tool>)| {
+        let (change, changed) = channel();
+        let outlets = outlets(&steady, tool, change)?;
+        let finger = Finger::new(steady, Arc::clone(&shared), outlets, changed);
+        anyhow::Ok(std::thread::spawn(move || finger.serve()))
     };
-    let fingers: Vec<_> = steadies.into_iter().map(start).collect();
+    let fingers = steadies.into_iter().zip(tools).map(start).collect::<anyhow::Result<Vec<_>>>()?;
     let enough = |now: Duration| args.duration.is_some_and(|most| now.as_secs_f64() >= most);
     while !interrupt.came()
         && !enough(began.elapsed())
@@ -161,6 +187,19 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         return output::json(&reports);
     }
     reports.iter().try_for_each(|report| output::line(as_text(report)))
+}
+
+/// Returns the tool frame of each port.
+fn tools(tools: &[Tool], ports: usize) -> anyhow::Result<Vec<Option<Tool>>> {
+    match *tools {
+        [] => Ok(vec![None; ports]),
+        [tool] => Ok(vec![Some(tool); ports]),
+        _ if tools.len() == ports => Ok(tools.iter().copied().map(Some).collect()),
+        _ => Err(anyhow!(
+            "--tool: {} poses for {ports} fingers; give one for all, or one for each --port",
+            tools.len()
+        )),
+    }
 }
 
 #[cfg(not(all(feature = "zenoh", feature = "foxglove")))]

@@ -42,7 +42,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let path = &args.recording.path;
     output::keep([path.as_path()], &args.out, args.overwrite)?;
     let interrupt = Interrupt::watch()?;
-    let mut recording = Recording::open(path)?;
+    let mut recording = Recording::open_from(path, args.recording.from())?;
     if !recording.whole {
         output::note(recording.cut_short(path));
     }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use anyhow::bail;
 use taxel::frame::Fields;
 use taxel::frame::schema::FIELD_NAMES;
-use taxel_client::{Port, ReconnectingClient, RoundTrips, fields};
+use taxel_client::{Client, LinkError, Port, Problem, ReconnectingClient, RoundTrips, fields};
 
 use crate::Files;
 use crate::commands::view::page;
@@ -21,9 +21,9 @@ use crate::{output, stream};
 ///
 /// The file name selects the format: .mcap (Foxglove opens it), .parquet (tables) or .csv. Received
 /// frames reach the file within a second, even if this program is killed. Each row has device time
-/// and host time; the file holds the finger's identity, settings and calibration. A recording with
-/// codes can be played as the port `file:FRAMES.mcap` and computed again by `taxel replay`. A
-/// finger that is unplugged is waited for and its settings are restored; the column `connection`
+/// and host time; the file holds the finger's identity, settings and calibration. By default it holds
+/// the codes as well, so that it can be fitted (`taxel calibrate fit`), computed again (`taxel
+/// replay`) and played as a finger (the port `file:FRAMES.mcap`). A finger that is unplugged is waited for and its settings are restored; the column `connection`
 /// then counts up by one.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -39,7 +39,8 @@ pub struct Args {
     #[arg(long, value_name = "SEC", value_parser = stream::seconds)]
     duration: Option<f64>,
     #[arg(long, value_name = "LIST", value_parser = fields::parse, help = format!(
-        "Fields to record, with commas between: {FIELD_NAMES} [default: as the finger is set]"
+        "Fields to record, with commas between: {FIELD_NAMES} [default: as the finger is set, \
+         and codes]"
     ))]
     fields: Option<Fields>,
     /// Frames a second [default: as the finger is set].
@@ -77,9 +78,10 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     if let Some(hz) = args.rate {
         client.set_rate(hz)?;
     }
-    if let Some(fields) = args.fields {
-        client.set_fields(fields)?;
-    }
+    let before = match args.fields {
+        Some(fields) => client.set_fields(fields).map(|()| None)?,
+        None => add_codes(&client)?,
+    };
     if args.hold_row.is_some() {
         client.hold_row(args.hold_row)?;
     }
@@ -123,6 +125,10 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let hold_row = args.hold_row.is_some();
     stream::leave(steady, &interrupt, move |steady| {
         drop((page, echoes, client));
+        if let (Some(fields), Some(client)) = (before, steady.client()) {
+            // A finger that is gone has lost them as well.
+            let _ = client.set_fields(fields);
+        }
         if hold_row {
             // A link without an end, such as a UART's, would leave the row on. One that broke has
             // ended.
@@ -146,4 +152,18 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         "{names}: {} frames, {} lost, {:.1} Hz, {:.3} s{gaps}",
         summary.frames, summary.lost, summary.rate_hz, summary.duration_s
     ))
+}
+
+/// Adds the codes to the fields of a finger's frames. Returns the fields from before if they differ.
+fn add_codes(client: &Client) -> Result<Option<Fields>, LinkError> {
+    let fields = client.info()?.fields;
+    if fields.contains(Fields::CODES) {
+        return Ok(None);
+    }
+    match client.set_fields(fields | Fields::CODES) {
+        Ok(()) => Ok(Some(fields)),
+        // A recording without codes is played without them.
+        Err(error) if matches!(error.problem(), Some(Problem::Refusal { .. })) => Ok(None),
+        Err(error) => Err(error),
+    }
 }

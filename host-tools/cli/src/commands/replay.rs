@@ -88,7 +88,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     output::keep(inputs, &args.out, args.overwrite)?;
     let calibration = args.calibration.as_ref().map(calibration::read).transpose()?;
     let interrupt = Interrupt::watch()?;
-    let scans = Scans::open(&args.trace.path)?;
+    let scans = Scans::open_from(&args.trace.path, args.trace.from())?;
     scans.remarks.iter().for_each(output::note);
     let header = replayed(scans.header, &args, calibration.as_ref())?;
     let calibration = calibration.or(scans.calibration);

@@ -227,6 +227,44 @@ fn recording_without_codes_plays_its_frames() {
     assert!(error.contains("this board cannot do that"), "{error}");
 }
 
+/// Records as a beginner does, and fits what was recorded.
+#[test]
+fn default_recording_can_be_fitted() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    std::fs::write(folder.path().join("presses.toml"), crate::common::SHORT_PRESSES).unwrap();
+    let simulate = ["simulate", "--scene", "presses.toml", "--seed", "3"];
+    taxel.succeeds(&[simulate.as_slice(), &["--cell", "cell.csv", "--out", "codes.csv"]].concat());
+    taxel.succeeds(&["record", "--port", "file:codes.csv", "--out", "presses.mcap"]);
+    let recording = Recording::open(&folder.path().join("presses.mcap")).unwrap();
+    assert!(recording.position("fz_n").is_some() && recording.position("bridge_s0_a").is_some());
+    let fit = ["calibrate", "fit", "--data", "presses.mcap", "--reference", "cell.csv"];
+    let fitted =
+        taxel.succeeds(&[fit.as_slice(), &["--model", "ridge", "--out", "finger.toml"]].concat());
+    assert!(fitted.contains("finger.toml"), "{fitted}");
+    let again = ["replay", "presses.mcap", "--calibration", "finger.toml", "--out", "again.csv"];
+    taxel.succeeds(&again);
+}
+
+#[test]
+fn finger_keeps_its_fields_after_a_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    let (mut finger, port) = served(&taxel, &["--port", "sim:press", "--tcp", "127.0.0.1:0"]);
+    let fields = || {
+        let info = taxel.succeeds(&["info", "--port", &port, "--json"]);
+        crate::common::json(&info)["fields"].clone()
+    };
+    let before = fields();
+    assert!(!before.to_string().contains("codes"), "{before}");
+    taxel.succeeds(&["record", "--port", &port, "--duration", "0.2", "--out", "a.mcap"]);
+    assert_eq!(fields(), before);
+    finger.kill().unwrap();
+    finger.wait().unwrap();
+    let recording = Recording::open(&folder.path().join("a.mcap")).unwrap();
+    assert!(recording.position("lit_r0c0").is_some());
+}
+
 #[test]
 fn replay_without_codes_is_refused() {
     let folder = tempfile::tempdir().unwrap();
@@ -413,6 +451,7 @@ fn progress_is_shown_only_on_terminal() {
     let shares = said.split(" %").filter_map(|before| before.rsplit(' ').next()?.parse().ok());
     let shares: Vec<u32> = shares.collect();
     assert!(shares.is_sorted() && shares.iter().any(|share| (20..100).contains(share)), "{said}");
+    assert!(said.contains(" frames, 0 lost"), "{said}");
     assert!(said.contains("writing a.parquet"), "{said}");
     let again = [record.as_slice(), &["--force"]].concat();
     assert_eq!(taxel.taxel(&again).err, "");

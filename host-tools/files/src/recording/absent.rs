@@ -25,6 +25,10 @@ pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {
     refused(path)
 }
 
+pub(crate) fn open_from(path: &Path, _: u64) -> Result<Recording, FileError> {
+    refused(path)
+}
+
 impl Writer {
     pub(crate) fn create(
         path: &Path,

@@ -7,6 +7,8 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+mod text;
+
 use crate::FileError;
 use crate::frames::{Cell, Column, Kind, columns};
 use crate::lines::Lines;
@@ -17,9 +19,9 @@ use crate::recording::{Existing, Recording, Sink, begin, host_columns};
 
 pub(crate) struct Writer {
     path: PathBuf,
-    records: csv::Writer<BufWriter<File>>,
-    /// Text of a cell.
-    cell: Vec<u8>,
+    file: BufWriter<File>,
+    /// Text of a row.
+    row: Vec<u8>,
 }
 
 impl Writer {
@@ -36,34 +38,32 @@ impl Writer {
             let value = value.replace(char::is_control, "?");
             writeln!(file, "# {name}={value}").map_err(failed)?;
         }
-        let mut writer = Self {
-            path: path.to_owned(),
-            records: csv::Writer::from_writer(file),
-            cell: Vec::new(),
-        };
-        let names = columns.iter().map(|column| column.name.as_str());
-        writer.records.write_record(names).map_err(|error| writer.failed(error))?;
-        writer.flush()?;
-        Ok(writer)
-    }
-
-    fn failed(&self, error: csv::Error) -> FileError {
-        FileError::csv(&self.path, error)
+        let mut names = csv::Writer::from_writer(&mut file);
+        let written = names.write_record(columns.iter().map(|column| column.name.as_str()));
+        written.map_err(|error| FileError::csv(path, error))?;
+        names.flush().map_err(failed)?;
+        drop(names);
+        file.flush().map_err(failed)?;
+        Ok(Self { path: path.to_owned(), file, row: Vec::new() })
     }
 }
 
 impl Sink for Writer {
+    /// Writes a row. Its cells are numbers, which need no quotes.
     fn write(&mut self, row: &[Cell]) -> Result<(), FileError> {
+        self.row.clear();
         for cell in row {
-            self.cell.clear();
-            let _ = write!(self.cell, "{cell}");
-            self.records.write_field(&self.cell).map_err(|error| self.failed(error))?;
+            text::push(cell, &mut self.row);
+            self.row.push(b',');
         }
-        self.records.write_record(None::<&[u8]>).map_err(|error| self.failed(error))
+        if let Some(last) = self.row.last_mut() {
+            *last = b'\n';
+        }
+        self.file.write_all(&self.row).map_err(|error| FileError::io(&self.path, &error))
     }
 
     fn flush(&mut self) -> Result<(), FileError> {
-        self.records.flush().map_err(|error| FileError::io(&self.path, &error))
+        self.file.flush().map_err(|error| FileError::io(&self.path, &error))
     }
 
     fn finish(mut self: Box<Self>) -> Result<(), FileError> {

@@ -9,6 +9,7 @@
 mod chunk;
 mod container;
 mod read;
+mod seek;
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -25,7 +26,7 @@ use mcap::{Attachment, Compression, McapError, WriteOptions};
 use crate::recording::header::Header;
 use crate::recording::{Existing, HOST_TIME, Sink, begin, schema};
 
-pub(crate) use read::open;
+pub(crate) use read::{open, open_from};
 
 /// Name of the metadata and of the attached calibration.
 const METADATA: &str = "taxel";

@@ -31,6 +31,15 @@ impl Scans {
     /// # Errors
     /// The file cannot be read, or holds no codes.
     pub fn open(path: &Path) -> Result<Self, FileError> {
+        Self::open_from(path, f64::NEG_INFINITY)
+    }
+
+    /// Opens a trace or a recording at or before a device time in seconds, as
+    /// [`Recording::open_from`].
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_from(path: &Path, seconds: f64) -> Result<Self, FileError> {
         if !is_recording(path) {
             return Ok(Self {
                 samples: Box::new(TraceReader::open(path)?),
@@ -39,7 +48,7 @@ impl Scans {
                 remarks: Vec::new(),
             });
         }
-        let recording = Recording::open(path)?;
+        let recording = Recording::open_from(path, seconds)?;
         let text = recording.header.calibration.as_deref();
         let calibration = text.map(|text| calibration::parse(path, text)).transpose()?;
         let (header, remarks) = (recording.header.clone(), recording.remarks(path));

@@ -3,4 +3,6 @@
 mod calibrations;
 #[cfg(feature = "recording")]
 mod recordings;
+#[cfg(feature = "recording")]
+mod stretches;
 mod traces;

@@ -1,13 +1,16 @@
 //! Stream of one finger in a bridge.
 
 use std::sync::atomic::Ordering;
+use std::sync::mpsc::Receiver;
 use std::sync::{Arc, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use serde::Serialize;
+use taxel::frame::Status;
 use taxel::wire::message::Info;
 use taxel_client::{
-    Client, Event, LinkError, Port, Problem, Received, ReconnectingClient, RoundTrips, Timestamps,
+    Client, Counts, Event, LinkError, Port, Problem, Received, ReconnectingClient, RoundTrips,
+    Timestamps,
 };
 
 use super::{LOOK, Shared, ros};
@@ -17,8 +20,53 @@ use crate::output;
 pub trait Outlet: Send {
     /// Announces a connected finger, perhaps another than before, and returns its name.
     fn there(&mut self, port: &Port, info: &Info) -> anyhow::Result<String>;
+    /// Announces the connected finger with other settings.
+    fn changed(&mut self, _port: &Port, _: &Info) -> anyhow::Result<()> {
+        Ok(())
+    }
     /// Publishes a frame of the connected finger. `stamps` includes this frame already.
     fn frame(&mut self, received: &Received, stamps: &Timestamps) -> anyhow::Result<()>;
+    /// Publishes the condition of the finger at `at`, about once a second.
+    fn health(&mut self, _: &Health, _at: Duration) -> anyhow::Result<()> {
+        Ok(())
+    }
+}
+
+/// Interval of [`Outlet::health`].
+const PULSE: Duration = Duration::from_secs(1);
+
+/// Condition of a finger and its link.
+#[derive(Clone, Copy, Default)]
+pub struct Health<'p> {
+    /// Reason why the finger is not connected.
+    pub problem: Option<&'p str>,
+    /// Flags of any frame of the last second.
+    pub status: Status,
+    /// Frames a second, over the last second.
+    pub rate_hz: f64,
+    /// Frames so far.
+    pub frames: u64,
+    /// Frames lost on the way to this program so far, and in the last second.
+    pub lost: u64,
+    pub newly_lost: u64,
+    /// Frames dropped by this program's full queue so far.
+    pub overflow: u64,
+    /// Damaged packets so far.
+    pub bad_packets: u64,
+    /// Times that the finger was connected.
+    pub connections: u64,
+}
+
+/// State of a second of [`Health`].
+struct Pulse {
+    began: Instant,
+    frames: u64,
+    status: Status,
+    /// Counts of earlier connections.
+    before: Counts,
+    lost: u64,
+    connections: u64,
+    problem: Option<String>,
 }
 
 /// Summary of a finger's frames.
@@ -39,7 +87,10 @@ pub struct Finger {
     steady: Arc<ReconnectingClient>,
     shared: Arc<Shared>,
     outlets: Vec<Box<dyn Outlet>>,
+    /// State of the finger after each change by an outlet's service.
+    changed: Receiver<Info>,
     stamps: Timestamps,
+    pulse: Pulse,
     report: Report,
 }
 
@@ -48,9 +99,19 @@ impl Finger {
         steady: Arc<ReconnectingClient>,
         shared: Arc<Shared>,
         outlets: Vec<Box<dyn Outlet>>,
+        changed: Receiver<Info>,
     ) -> Self {
         let report = Report { port: steady.port().to_string(), ..Report::default() };
-        Self { steady, shared, outlets, stamps: Timestamps::default(), report }
+        let pulse = Pulse {
+            began: Instant::now(),
+            frames: 0,
+            status: Status::empty(),
+            before: Counts::default(),
+            lost: 0,
+            connections: 0,
+            problem: None,
+        };
+        Self { steady, shared, outlets, changed, stamps: Timestamps::default(), pulse, report }
     }
 
     /// Publishes until the bridge or a playback ends.
@@ -67,6 +128,11 @@ impl Finger {
         let mut client: Option<Arc<Client>> = None;
         let mut missed = false;
         while !self.shared.stop.load(Ordering::Relaxed) {
+            while let Ok(info) = self.changed.try_recv() {
+                let port = self.steady.port();
+                self.outlets.iter_mut().try_for_each(|outlet| outlet.changed(port, &info))?;
+            }
+            self.beat(client.as_deref())?;
             match self.steady.next(LOOK) {
                 Event::Frame(received) => {
                     echoes.try_iter().for_each(|echo| self.stamps.echo(echo));
@@ -76,6 +142,8 @@ impl Finger {
                 Event::Connected(there) => {
                     (client, missed) = (Some(Arc::clone(&there)), false);
                     self.stamps.reconnected();
+                    self.pulse.connections += 1;
+                    self.pulse.problem = None;
                     if self.steady.bias_lost() {
                         let port = self.steady.port();
                         output::note(format_args!(
@@ -93,6 +161,7 @@ impl Finger {
                 Event::Disconnected(error) if error.problem().is_none() => return Err(error.into()),
                 Event::Disconnected(error) => {
                     client.take().iter().for_each(|client| self.count(client));
+                    self.pulse.problem = Some(error.to_string());
                     if !std::mem::replace(&mut missed, true) {
                         output::note(format_args!("{error}; waiting for it"));
                     }
@@ -104,11 +173,13 @@ impl Finger {
         Ok(())
     }
 
+    /// Applies the options of the command, once: later connections restore what was set since.
     fn set(&self, client: &Client) -> Result<Info, LinkError> {
-        if let Some(hz) = self.shared.rate {
+        let first = self.report.names.is_empty();
+        if let Some(hz) = self.shared.rate.filter(|_| first) {
             client.set_rate(hz)?;
         }
-        if let Some(fields) = self.shared.fields {
+        if let Some(fields) = self.shared.fields.filter(|_| first) {
             client.set_fields(fields)?;
         }
         // Earlier frames may have other fields than requested.
@@ -128,6 +199,8 @@ impl Finger {
 
     fn publish(&mut self, received: &Received) -> anyhow::Result<()> {
         self.stamps.frame(received);
+        self.pulse.frames += 1;
+        self.pulse.status |= received.frame.status;
         if self.report.names.is_empty() {
             return Ok(());
         }
@@ -136,9 +209,45 @@ impl Finger {
         self.outlets.iter_mut().try_for_each(|outlet| outlet.frame(received, &self.stamps))
     }
 
+    /// Publishes the condition of the finger if a second has passed.
+    fn beat(&mut self, client: Option<&Client>) -> anyhow::Result<()> {
+        let passed = self.pulse.began.elapsed();
+        if passed < PULSE {
+            return Ok(());
+        }
+        let counts = add(self.pulse.before, client.map_or_else(Counts::default, Client::counts));
+        let health = Health {
+            problem: self.pulse.problem.as_deref(),
+            status: self.pulse.status,
+            rate_hz: self.pulse.frames as f64 / passed.as_secs_f64(),
+            frames: counts.frames,
+            lost: counts.lost,
+            newly_lost: counts.lost - self.pulse.lost,
+            overflow: counts.overflow,
+            bad_packets: counts.bad_packets,
+            connections: self.pulse.connections,
+        };
+        let at = self.stamps.unix(Instant::now());
+        self.outlets.iter_mut().try_for_each(|outlet| outlet.health(&health, at))?;
+        self.pulse.began = Instant::now();
+        self.pulse.lost = counts.lost;
+        (self.pulse.frames, self.pulse.status) = (0, Status::empty());
+        Ok(())
+    }
+
     fn count(&mut self, client: &Client) {
         let counts = client.counts();
+        self.pulse.before = add(self.pulse.before, counts);
         self.report.lost += counts.lost + counts.overflow;
+    }
+}
+
+fn add(a: Counts, b: Counts) -> Counts {
+    Counts {
+        frames: a.frames + b.frames,
+        lost: a.lost + b.lost,
+        bad_packets: a.bad_packets + b.bad_packets,
+        overflow: a.overflow + b.overflow,
     }
 }
 

@@ -1,7 +1,10 @@
-//! Live fingers in Foxglove, one topic each. Topics and messages are those of an MCAP recording, so
-//! that one layout serves both.
+//! Live fingers in Foxglove. A finger's frames have the topic and the messages of an MCAP recording,
+//! so that one layout serves both; a scene and a log have Foxglove's own schemas.
+
+pub mod scene;
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use anyhow::Context;
 use taxel::frame::Fields;
@@ -11,7 +14,7 @@ use taxel_files::frames::Cell;
 use taxel_files::recording::schema;
 
 use super::finger::Outlet;
-use super::websocket::{self, Live};
+use super::websocket::{self, Live, Standard};
 use crate::files::{row, row_columns};
 use crate::output;
 
@@ -25,6 +28,9 @@ pub fn start(address: &str) -> anyhow::Result<Arc<Live>> {
     Ok(Arc::new(server))
 }
 
+/// Interval of scenes: 60 a second.
+const DRAW: Duration = Duration::from_micros(16_666);
+
 /// Topics of one finger.
 pub struct Topics {
     server: Arc<Live>,
@@ -37,8 +43,12 @@ pub struct Topics {
 /// Topic of the finger that is connected.
 struct Channel {
     topic: websocket::Channel,
+    standard: Standard,
     serial: String,
     fields: Fields,
+    flags: scene::Flags,
+    /// Time of the last scene.
+    drawn: Duration,
 }
 
 impl Topics {
@@ -50,30 +60,50 @@ impl Topics {
 impl Outlet for Topics {
     fn there(&mut self, port: &Port, info: &Info) -> anyhow::Result<String> {
         self.connection += 1;
+        self.changed(port, info)?;
+        Ok(info.identity.serial.to_string())
+    }
+
+    /// Opens the topics again if the finger or its fields are other ones.
+    fn changed(&mut self, port: &Port, info: &Info) -> anyhow::Result<()> {
         let serial = info.identity.serial.as_str();
         let same = |c: &Channel| c.serial == serial && c.fields == info.fields;
         if self.channel.as_ref().is_some_and(same) {
-            return Ok(serial.to_owned());
+            return Ok(());
         }
         let topic = schema::topic(serial);
         let descriptor = schema::descriptor(&row_columns(info.fields));
         // Foxglove needs the old topic closed before one of the same name opens.
         drop(self.channel.take());
         let channel = self.server.channel(&topic, schema::NAME, descriptor).context("foxglove")?;
-        output::note(format_args!("{port}: topic {topic}"));
-        let serial = serial.to_owned();
-        self.channel =
-            Some(Channel { topic: channel, serial: serial.clone(), fields: info.fields });
-        Ok(serial)
+        output::note(format_args!("{port}: topics {topic}, {topic}/scene and {topic}/log"));
+        self.channel = Some(Channel {
+            topic: channel,
+            standard: self.server.standard(&topic, serial),
+            serial: serial.to_owned(),
+            fields: info.fields,
+            flags: scene::Flags::default(),
+            drawn: Duration::ZERO,
+        });
+        Ok(())
     }
 
     fn frame(&mut self, received: &Received, stamps: &Timestamps) -> anyhow::Result<()> {
-        let Some(channel) = &self.channel else { return Ok(()) };
+        let Some(channel) = &mut self.channel else { return Ok(()) };
         row(received, channel.fields, stamps, self.connection, &mut self.row);
         schema::encode(&self.row, &mut self.message);
         // Time of reception, as in a recording.
-        let micros = stamps.unix(received.at).as_micros() as u64;
-        channel.topic.log(&self.message, micros * 1000);
+        let at = stamps.unix(received.at);
+        let nanos = at.as_micros() as u64 * 1000;
+        channel.topic.log(&self.message, nanos);
+        for line in channel.flags.raised(&received.frame) {
+            channel.standard.tell(&line, nanos);
+        }
+        if at.abs_diff(channel.drawn) >= DRAW {
+            channel.drawn = at;
+            let frame = &received.frame;
+            channel.standard.draw(&scene::plates(frame), scene::arrow(frame), nanos);
+        }
         Ok(())
     }
 }

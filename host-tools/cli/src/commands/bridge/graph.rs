@@ -10,8 +10,23 @@ use super::ros::Type;
 
 /// Placeholder of an empty part of a liveliness token.
 const NONE: &str = "%";
-/// Quality of service: a history of ten. Reliable, volatile and keep last are the default.
-const QOS: &str = "::,10:,:,:,,";
+
+/// Quality of service: a history of ten. Volatile and keep last are the default.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Qos {
+    /// Default of ROS 2.
+    Reliable,
+    BestEffort,
+}
+
+impl Qos {
+    fn token(self) -> &'static str {
+        match self {
+            Self::Reliable => "::,10:,:,:,,",
+            Self::BestEffort => "2::,10:,:,:,,",
+        }
+    }
+}
 
 /// Context shared by all entities of this program in the ROS graph.
 pub struct Context {
@@ -19,6 +34,8 @@ pub struct Context {
     /// Zenoh session id, in hexadecimal.
     pub session: String,
     pub namespace: Namespace,
+    /// Quality of service of publishers.
+    pub qos: Qos,
 }
 
 /// Absolute ROS name, such as `/taxel`; empty for `/`.
@@ -57,6 +74,13 @@ pub struct Publisher {
     gid: [u8; 16],
 }
 
+/// Entry of a node's service in the ROS graph.
+pub struct Server {
+    /// Zenoh key of the service's requests.
+    pub key: String,
+    pub token: String,
+}
+
 /// Converts a serial number to a valid ROS name.
 pub fn name(serial: &str) -> String {
     let mut name = String::new();
@@ -81,17 +105,34 @@ impl Context {
 
     /// Creates the entry of a node's publisher.
     pub fn publisher(&self, node: (u32, &str), id: u32, topic: &str, kind: &Type) -> Publisher {
-        let (node_id, name) = node;
-        let Type { name: type_name, hash } = kind;
-        let entity = self.token(node_id, id, "MP", name);
-        let token = format!("{entity}/{}/{type_name}/{hash}/{QOS}", mangled(topic));
+        let (key, token) = self.entity(node, id, ("MP", self.qos), topic, kind);
         let gid = xxh3_128(token.as_bytes()).to_le_bytes();
-        let key = format!("{}/{}/{type_name}/{hash}", self.domain, topic.trim_start_matches('/'));
         Publisher { key, token, gid }
     }
 
+    /// Creates the entry of a node's service.
+    pub fn server(&self, node: (u32, &str), id: u32, service: &str, kind: &Type) -> Server {
+        let (key, token) = self.entity(node, id, ("SS", Qos::Reliable), service, kind);
+        Server { key, token }
+    }
+
+    /// Returns key and liveliness token of a topic or service.
+    fn entity(
+        &self,
+        (node_id, node): (u32, &str),
+        id: u32,
+        (entity, qos): (&str, Qos),
+        topic: &str,
+        Type { name, hash }: &Type,
+    ) -> (String, String) {
+        let entity = self.token(node_id, id, entity, node);
+        let token = format!("{entity}/{}/{name}/{hash}/{}", mangled(topic), qos.token());
+        let key = format!("{}/{}/{name}/{hash}", self.domain, topic.trim_start_matches('/'));
+        (key, token)
+    }
+
     fn token(&self, node: u32, id: u32, kind: &str, name: &str) -> String {
-        let Self { domain, session, namespace } = self;
+        let Self { domain, session, namespace, .. } = self;
         let namespace = mangled(&namespace.0);
         format!("@ros2_lv/{domain}/{session}/{node}/{id}/{kind}/{NONE}/{namespace}/{name}")
     }
@@ -110,6 +151,14 @@ impl Publisher {
     }
 }
 
+/// Builds the attachment of a reply: that of its request, with the time of the reply. `None` if the
+/// request has none of rmw_zenoh.
+pub fn reply_attachment(request: &[u8], at: Duration) -> Option<[u8; 33]> {
+    let mut bytes: [u8; 33] = request.try_into().ok()?;
+    bytes[8..16].copy_from_slice(&(at.as_nanos() as u64).to_le_bytes());
+    Some(bytes)
+}
+
 fn mangled(name: &str) -> String {
     if name.is_empty() { NONE.to_owned() } else { name.replace('/', "%") }
 }
@@ -125,7 +174,7 @@ mod tests {
 
     fn context(domain: u32, namespace: &str) -> Context {
         let session = "8b20917502ee955ac4476e0266340d5c".to_owned();
-        Context { domain, session, namespace: namespace.parse().unwrap() }
+        Context { domain, session, namespace: namespace.parse().unwrap(), qos: Qos::Reliable }
     }
 
     /// Examples of rmw_zenoh's design document, except for the depth of the history.
@@ -151,6 +200,28 @@ mod tests {
              RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
         );
         assert!(talker.token.contains("/MP/%/%robot1/talker/%robot1%chatter/"), "{}", talker.token);
+        let quick = Context { qos: Qos::BestEffort, ..context(2, "/") };
+        let talker = quick.publisher((0, "talker"), 10, "/chatter", &STRING);
+        assert!(talker.token.ends_with("/2::,10:,:,:,,"), "{}", talker.token);
+        let sum = Type {
+            name: "example_interfaces::srv::dds_::AddTwoInts_",
+            hash: "RIHS01_e118de6bf5eeb66a2491b5bda11202e7b68f198d6f67922cf30364858239c81a",
+        };
+        let server = quick.server((0, "add_two_ints_server"), 10, "/add_two_ints", &sum);
+        let (name, hash) = (sum.name, sum.hash);
+        assert_eq!(server.key, format!("2/add_two_ints/{name}/{hash}"));
+        let tail =
+            format!("/0/10/SS/%/%/add_two_ints_server/%add_two_ints/{name}/{hash}/::,10:,:,:,,");
+        assert!(server.token.ends_with(&tail), "{}", server.token);
+    }
+
+    #[test]
+    fn reply_repeats_number_and_client_of_its_request() {
+        let request: [u8; 33] = std::array::from_fn(|i| i as u8);
+        let reply = reply_attachment(&request, Duration::new(1, 2)).unwrap();
+        assert_eq!((&reply[..8], &reply[16..]), (&request[..8], &request[16..]));
+        assert_eq!(reply[8..16], [2, 202, 154, 59, 0, 0, 0, 0]);
+        assert_eq!(reply_attachment(&request[1..], Duration::ZERO), None);
     }
 
     #[test]

@@ -1,14 +1,19 @@
 //! Session of a Zenoh network. Without the feature `zenoh`, opening a session is an error.
 
-pub use session::{Peer, Token, Writer};
+pub use session::{Call, Peer, Server, Token, Writer};
 
 #[cfg(feature = "zenoh")]
 mod session {
+    use std::time::Duration;
+
     use anyhow::{Error, Result, anyhow};
     use zenoh::liveliness::LivelinessToken;
     use zenoh::pubsub::Publisher;
     use zenoh::qos::CongestionControl;
+    use zenoh::query::{Query, Queryable};
     use zenoh::{Config, Session, Wait};
+
+    use crate::commands::bridge::graph::reply_attachment;
 
     /// Open session. Drop tokens and writers first, so that the network hears that they are gone.
     pub struct Peer(Session);
@@ -18,6 +23,12 @@ mod session {
 
     /// Publisher on one key.
     pub struct Writer(Publisher<'static>);
+
+    /// Server of the requests on one key.
+    pub struct Server(#[expect(dead_code, reason = "held for its drop")] Queryable<()>);
+
+    /// Request that waits for its reply.
+    pub struct Call(Query);
 
     impl Peer {
         pub fn open(config: &str) -> Result<Self> {
@@ -38,6 +49,35 @@ mod session {
             let publisher = publisher.congestion_control(CongestionControl::Drop).wait();
             publisher.map(Writer).map_err(Error::from_boxed)
         }
+
+        /// Hands requests to `take`, which must not wait.
+        pub fn server(
+            &self,
+            key: &str,
+            take: impl Fn(Call) + Send + Sync + 'static,
+        ) -> Result<Server> {
+            let server = self.0.declare_queryable(key.to_owned()).complete(true);
+            let server = server.callback(move |query| take(Call(query))).wait();
+            server.map(Server).map_err(Error::from_boxed)
+        }
+    }
+
+    impl Call {
+        /// Returns the request; empty if it has no payload.
+        pub fn payload(&self) -> Vec<u8> {
+            self.0.payload().map(|payload| payload.to_bytes().into_owned()).unwrap_or_default()
+        }
+
+        /// Sends the reply. A caller that is gone does not receive it.
+        pub fn reply(&self, payload: &[u8], at: Duration) {
+            let attachment = self.0.attachment().map(|attachment| attachment.to_bytes());
+            let attachment = attachment.and_then(|request| reply_attachment(&request, at));
+            let reply = self.0.reply(self.0.key_expr(), payload);
+            let _ = match attachment {
+                Some(attachment) => reply.attachment(attachment).wait(),
+                None => reply.wait(),
+            };
+        }
     }
 
     impl Writer {
@@ -49,6 +89,8 @@ mod session {
 
 #[cfg(not(feature = "zenoh"))]
 mod session {
+    use std::time::Duration;
+
     use anyhow::Result;
 
     use crate::commands::bridge::not_built_in;
@@ -56,6 +98,8 @@ mod session {
     pub enum Peer {}
     pub enum Token {}
     pub enum Writer {}
+    pub enum Server {}
+    pub enum Call {}
 
     impl Peer {
         pub fn open(_config: &str) -> Result<Self> {
@@ -67,6 +111,24 @@ mod session {
         }
 
         pub fn writer(&self, _key: &str) -> Result<Writer> {
+            match *self {}
+        }
+
+        pub fn server(
+            &self,
+            _key: &str,
+            _take: impl Fn(Call) + Send + Sync + 'static,
+        ) -> Result<Server> {
+            match *self {}
+        }
+    }
+
+    impl Call {
+        pub fn payload(&self) -> Vec<u8> {
+            match *self {}
+        }
+
+        pub fn reply(&self, _payload: &[u8], _at: Duration) {
             match *self {}
         }
     }

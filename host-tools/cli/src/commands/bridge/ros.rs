@@ -4,6 +4,10 @@
 //! mark a value as missing. A frame whose force or place of contact has no value therefore has no
 //! wrench; `taxel_msgs/Frame` carries the reason.
 
+pub mod contact;
+pub mod diagnostics;
+pub mod services;
+
 use std::time::Duration;
 
 use cdr_encoding::to_writer;
@@ -45,11 +49,34 @@ struct Header<'n> {
     frame_id: &'n str,
 }
 
-#[derive(Serialize)]
+#[derive(Clone, Copy, Serialize)]
 struct Vector3 {
     x: f64,
     y: f64,
     z: f64,
+}
+
+#[derive(Clone, Copy, Serialize)]
+struct Point {
+    x: f64,
+    y: f64,
+    z: f64,
+}
+
+#[derive(Clone, Copy, Serialize)]
+struct Quaternion {
+    x: f64,
+    y: f64,
+    z: f64,
+    w: f64,
+}
+
+impl Point {
+    const ORIGIN: Self = Self { x: 0.0, y: 0.0, z: 0.0 };
+}
+
+impl Quaternion {
+    const NONE: Self = Self { x: 0.0, y: 0.0, z: 0.0, w: 1.0 };
 }
 
 #[derive(Serialize)]
@@ -98,10 +125,10 @@ pub fn wrench(frame: &Frame) -> Option<[[f64; 3]; 2]> {
     Some([force, [y * fz, -x * fz, x * fy - y * fx + torsion]])
 }
 
-/// Encodes a [`wrench`] on the finger.
-pub fn wrench_stamped([force, torque]: [[f64; 3]; 2], at: Duration, name: &str) -> Vec<u8> {
+/// Encodes a [`wrench`] in the named frame.
+pub fn wrench_stamped([force, torque]: [[f64; 3]; 2], at: Duration, frame: &str) -> Vec<u8> {
     let [force, torque] = [force, torque].map(|[x, y, z]| Vector3 { x, y, z });
-    cdr(&WrenchStamped { header: header(at, name), force, torque })
+    cdr(&WrenchStamped { header: header(at, frame), force, torque })
 }
 
 /// Encodes all fields of the frame except its codes.

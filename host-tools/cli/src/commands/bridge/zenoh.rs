@@ -1,19 +1,22 @@
 //! Publishes fingers as nodes of a ROS 2 system, over Zenoh.
 
+mod node;
+
 use std::hash::{BuildHasher, RandomState};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use anyhow::bail;
 use serde_json::json;
 use taxel::wire::message::Info;
 use taxel_client::{Port, Received, Timestamps};
 
-use super::finger::{Outlet, lock};
-use super::graph::{Context, Namespace, Publisher, name};
-use super::peer::{Peer, Token, Writer};
-use super::ros;
+use super::finger::{Health, Outlet};
+use super::graph::{Context, Namespace, Qos, name};
+use super::peer::Peer;
+use super::services::Services;
+use super::tool::Tool;
 use crate::output;
+use node::Node;
 
 /// Session shared by all fingers of a bridge.
 pub struct Session {
@@ -30,82 +33,52 @@ impl Session {
     pub fn open(
         domain: u32,
         namespace: Namespace,
+        qos: Qos,
         connect: &[String],
         listen: &[String],
     ) -> anyhow::Result<Arc<Self>> {
         let session = identity();
         let config = config(&session, connect, listen);
         let peer = Peer::open(&config)?;
-        let context = Context { domain, session, namespace };
+        let context = Context { domain, session, namespace, qos };
         Ok(Arc::new(Self { context, peer, names: Mutex::default() }))
     }
 }
 
-/// Nodes of one finger.
+/// Nodes of one port's fingers.
 pub struct Nodes {
     session: Arc<Session>,
+    services: Services,
+    tool: Option<Tool>,
     /// Nodes so far; the last one is that of the connected finger.
     nodes: Vec<Node>,
 }
 
-/// ROS 2 node of a finger.
-struct Node {
-    name: String,
-    wrench: Topic,
-    frames: Topic,
-    _token: Token,
-}
-
-/// Publisher with its count of samples.
-struct Topic {
-    publisher: Publisher,
-    writer: Writer,
-    samples: u64,
-    _token: Token,
-}
-
 impl Nodes {
-    pub fn new(session: Arc<Session>) -> Self {
-        Self { session, nodes: Vec::new() }
+    pub fn new(session: Arc<Session>, services: Services, tool: Option<Tool>) -> Self {
+        Self { session, services, tool, nodes: Vec::new() }
     }
 }
 
 impl Outlet for Nodes {
     /// Adds a node for a new serial number; selects the existing one otherwise.
     fn there(&mut self, port: &Port, info: &Info) -> anyhow::Result<String> {
-        let name = name(&info.identity.serial);
+        let name: Arc<str> = name(&info.identity.serial).into();
         if let Some(known) = self.nodes.iter().position(|node| node.name == name) {
             self.nodes[known..].rotate_left(1);
-            return Ok(name);
+        } else {
+            let node = Node::announce(&self.session, &self.services, port, &name, info)?;
+            let namespace = &self.session.context.namespace;
+            output::note(format_args!(
+                "{port}: node {}, topics {} and {}; `ros2 node info` lists all",
+                namespace.topic(&name),
+                namespace.topic(&format!("{name}/wrench")),
+                namespace.topic("frames")
+            ));
+            self.nodes.push(node);
         }
-        let Session { context, peer, names } = &*self.session;
-        let mut names = lock(names);
-        if names.contains(&name) {
-            bail!(
-                "{port}: another finger is called {name} already; give each its own serial number"
-            );
-        }
-        // Three entities a finger, numbered over the whole session.
-        let node = names.len() as u32 * 3;
-        names.push(name.clone());
-        let token = peer.token(&context.node(node, &name))?;
-        let topic = |i: u32, topic: &str, kind| {
-            let topic = context.namespace.topic(topic);
-            let publisher = context.publisher((node, &name), node + 1 + i, &topic, kind);
-            let writer = peer.writer(&publisher.key)?;
-            let token = peer.token(&publisher.token)?;
-            anyhow::Ok(Topic { publisher, writer, samples: 0, _token: token })
-        };
-        let wrench = topic(0, &format!("{name}/wrench"), &ros::WRENCH)?;
-        let frames = topic(1, "frames", &ros::FRAME)?;
-        output::note(format_args!(
-            "{port}: node {}, topics {} and {}",
-            context.namespace.topic(&name),
-            context.namespace.topic(&format!("{name}/wrench")),
-            context.namespace.topic("frames")
-        ));
-        self.nodes.push(Node { name: name.clone(), wrench, frames, _token: token });
-        Ok(name)
+        self.services.connected(Arc::clone(&name));
+        Ok(name.to_string())
     }
 
     fn frame(&mut self, received: &Received, stamps: &Timestamps) -> anyhow::Result<()> {
@@ -113,19 +86,11 @@ impl Outlet for Nodes {
         let scanned = stamps.scanned(received.frame.time);
         // Time of reception until the finger's clock is known.
         let at = scanned.map_or(stamps.unix(received.at), |(at, _)| at);
-        let now = stamps.unix(Instant::now());
-        node.frames.put(&ros::frame(&received.frame, at, &node.name), now)?;
-        let Some(wrench) = ros::wrench(&received.frame) else { return Ok(()) };
-        node.wrench.put(&ros::wrench_stamped(wrench, at, &node.name), now)
+        node.frame(&received.frame, self.tool.as_ref(), at, stamps.unix(Instant::now()))
     }
-}
 
-impl Topic {
-    /// Publishes the next sample. Samples are numbered from 1.
-    fn put(&mut self, payload: &[u8], now: Duration) -> anyhow::Result<()> {
-        self.samples += 1;
-        let attachment = self.publisher.attachment(self.samples, now);
-        self.writer.put(payload, &attachment)
+    fn health(&mut self, health: &Health, at: Duration) -> anyhow::Result<()> {
+        self.nodes.last_mut().map_or(Ok(()), |node| node.health(health, at))
     }
 }
 

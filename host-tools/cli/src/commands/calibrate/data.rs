@@ -68,18 +68,13 @@ pub fn traces(stretches: &[Stretch], references: &[PathBuf]) -> anyhow::Result<R
             "{}:1: not a taxel trace; name the columns of other files with --inputs and --targets",
             stretch.path.display()
         );
-        let scans = Scans::open(&stretch.path)?;
+        let scans = Scans::open_from(&stretch.path, stretch.from())?;
         scans.remarks.iter().for_each(output::note);
         let name = stretch.path.display().to_string();
-        let mut all = None;
-        let seen = scans.samples.inspect(|sample| {
-            if let Ok(sample) = sample {
-                let seconds = sample.scan.time.0 as f64 / 1e6;
-                all = Some((all.map_or(seconds, |(first, _)| first), seconds));
-            }
-        });
-        let samples = trace::cut(seen, stretch).collect::<Result<Vec<_>, _>>()?;
-        anyhow::ensure!(!samples.is_empty(), stretch.without_rows(all));
+        let samples = trace::cut(scans.samples, stretch).collect::<Result<Vec<_>, _>>()?;
+        if samples.is_empty() {
+            anyhow::bail!(stretch.without_rows(span(&stretch.path)?));
+        }
         let mut recording = Recording { name, samples };
         if let Some(path) = reference {
             let reference = table::read(&Stretch::whole(path), &["f*_n"])?;
@@ -118,6 +113,13 @@ pub fn tables(
         read.recordings.push(recording);
     }
     Ok(read)
+}
+
+/// Returns the times in seconds of the first and the last scan of a file.
+fn span(path: &Path) -> anyhow::Result<Option<(f64, f64)>> {
+    let mut times = Scans::open(path)?.samples.map(|sample| Ok(sample?.scan.time.0 as f64 / 1e6));
+    let Some(first) = times.next().transpose()? else { return Ok(None) };
+    times.try_fold(Some((first, first)), |_, time: anyhow::Result<f64>| Ok(Some((first, time?))))
 }
 
 /// Whether the file is a binary recording.

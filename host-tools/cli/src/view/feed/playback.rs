@@ -21,15 +21,20 @@ const LOOK: Duration = Duration::from_millis(8);
 /// Seconds shown before the position of a seek.
 const BEFORE: f64 = 20.0;
 
+/// Time before each recording's first row.
+const BEGINNING: f64 = f64::NEG_INFINITY;
+
 type Rows = Box<dyn Iterator<Item = Result<Vec<Cell>, FileError>> + Send>;
 
-/// Opens the file at its beginning. A recording's frames are shown as recorded. With a
-/// `calibration`, or for a trace, they are computed from the codes.
+/// Opens the file at or before a device time in seconds. A recording's frames are shown as recorded.
+/// With a `calibration`, or for a trace, they are computed from the codes, from the first one on,
+/// because the finger's state depends on them.
 fn open(
     path: &Path,
     calibration: Option<&Calibration>,
+    from: f64,
 ) -> Result<(Vec<Column>, Rows, serde_json::Value), FileError> {
-    let recording = Recording::open(path);
+    let recording = Recording::open_from(path, from);
     if let Ok(recording) = recording
         && recording.position("seq").is_some()
         && calibration.is_none()
@@ -56,7 +61,7 @@ fn open(
 /// Starts the feed of a file.
 pub(super) fn start(path: PathBuf, calibration: Option<Calibration>) -> Result<Feed, FileError> {
     let (mut feed, context, orders) = Feed::new(format!("file:{}", path.display()));
-    let (columns, rows, facts) = open(&path, calibration.as_ref())?;
+    let (columns, rows, facts) = open(&path, calibration.as_ref(), BEGINNING)?;
     let time_at = columns.iter().position(|column| column.name == "t_us").unwrap_or_default();
     {
         let mut scope = context.scope.lock();
@@ -88,10 +93,13 @@ fn length_of(
     time_at: usize,
     context: &Context,
 ) -> Option<f64> {
-    let (_, rows, _) = open(path, calibration).ok()?;
-    let mut times = rows.take_while(|_| !context.stopped()).flatten();
-    let first = seconds(&times.next()?, time_at);
-    Some(times.last().map_or(0.0, |last| seconds(&last, time_at) - first))
+    let times = |from| {
+        let (_, rows, _) = open(path, calibration, from).ok()?;
+        let rows = rows.take_while(|_| !context.stopped()).flatten();
+        Some(rows.map(|row| seconds(&row, time_at)))
+    };
+    let first = times(BEGINNING)?.next()?;
+    Some(times(f64::MAX)?.last()? - first)
 }
 
 fn seconds(row: &[Cell], time_at: usize) -> f64 {
@@ -181,10 +189,13 @@ impl Player {
     /// Moves to a position, and shows the [`BEFORE`] seconds up to it.
     fn seek(&mut self, to: f64) -> Result<f64, FileError> {
         let to = if to.is_finite() { to.max(0.0) } else { 0.0 };
-        (_, self.rows, _) = open(&self.path, self.calibration.as_ref())?;
+        let from = to - BEFORE;
+        // The first row's time, if it is not known yet.
+        self.peek();
+        let start = self.start.unwrap_or_default();
+        (_, self.rows, _) = open(&self.path, self.calibration.as_ref(), start + from)?;
         self.next = None;
         self.context.scope.lock().restart();
-        let from = to - BEFORE;
         // The base is arbitrary, because only differences matter here.
         let base = Instant::now();
         while let Some(at) = self.peek() {

@@ -99,6 +99,42 @@ impl Container {
         }
     }
 
+    /// Lists where the chunks begin, by the lengths of the records alone. `None` if a length or a code
+    /// is impossible.
+    pub(super) fn chunks(&mut self) -> io::Result<Option<Vec<u64>>> {
+        let Some(end) = self.length else { return Ok(None) };
+        let (mut starts, mut at) = (Vec::new(), mcap::MAGIC.len() as u64);
+        loop {
+            self.seek(at)?;
+            let prefix = self.take(PREFIX)?;
+            let Some((&opcode, length)) = prefix.split_first() else { return Ok(Some(starts)) };
+            let Ok(length) = length.try_into().map(u64::from_le_bytes) else {
+                return Ok(Some(starts));
+            };
+            if length > LONGEST {
+                return Ok(None);
+            }
+            let next = at + PREFIX + length;
+            match opcode {
+                op::DATA_END => return Ok(Some(starts)),
+                // A killed writer's last record.
+                _ if next > end => return Ok((!self.ends).then_some(starts)),
+                op::CHUNK => starts.push(at),
+                op::HEADER | op::MESSAGE_INDEX | op::ATTACHMENT | op::METADATA => {}
+                op::SCHEMA | op::CHANNEL | PRIVATE.. => {}
+                _ => return Ok(None),
+            }
+            at = next;
+        }
+    }
+
+    /// Moves to the beginning of a record.
+    pub(super) fn jump(&mut self, start: u64) -> io::Result<()> {
+        self.seek(start)?;
+        (self.sound, self.next, self.over) = (start, None, false);
+        Ok(())
+    }
+
     /// Reads a record by its length, or returns why there is none.
     fn record(&mut self) -> io::Result<Result<Found, &'static str>> {
         let prefix = self.take(PREFIX)?;

@@ -10,7 +10,7 @@ use mcap::records::{Record, op};
 
 use super::chunk::{Chunk, Records};
 use super::container::{Container, Found};
-use super::{CALIBRATION, FACTS_CRC, METADATA, facts_crc};
+use super::{CALIBRATION, FACTS_CRC, METADATA, facts_crc, seek};
 use crate::FileError;
 use crate::frames::{Cell, Column};
 use crate::recording::header::Header;
@@ -18,6 +18,16 @@ use crate::recording::{Recording, schema};
 
 /// Opens a file and reads to its first row.
 pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {
+    open_at(path, None)
+}
+
+/// Opens a file at the chunk in which a device time in µs lies, or at its start if that cannot be
+/// found.
+pub(crate) fn open_from(path: &Path, micros: u64) -> Result<Recording, FileError> {
+    open_at(path, Some(micros))
+}
+
+fn open_at(path: &Path, micros: Option<u64>) -> Result<Recording, FileError> {
     let failed = |error: io::Error| FileError::io(path, &error);
     let container = File::open(path).and_then(Container::new).map_err(failed)?;
     let (begins, whole) = (container.begins, container.ends);
@@ -28,6 +38,7 @@ pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {
         about: About::default(),
         ready: None,
         given: 0,
+        moved: false,
         over: false,
     };
     let mut damage = (!begins).then(|| rows.damaged("Bad magic number"));
@@ -40,7 +51,7 @@ pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {
     if damage.is_some() || !rows.about.sound || rows.about.calibration.is_none() {
         rows.about.complete(path).map_err(failed)?;
     }
-    let Some((_, columns)) = rows.about.channel.clone() else {
+    let Some(channel) = rows.about.channel.clone() else {
         // Without the columns no row can be read.
         let damage = damage.map(|error| error.mend("no frame of it can be read: record again"));
         return Err(damage.unwrap_or_else(|| {
@@ -52,6 +63,12 @@ pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {
         let problem = "the finger's settings are damaged, and so may be what is computed from them";
         damage.get_or_insert_with(|| rows.damaged(problem));
     }
+    if let Some(micros) = micros.filter(|_| damage.is_none())
+        && let Some(start) = seek::chunk_before(path, micros, &channel).map_err(failed)?
+    {
+        rows.jump(start).map_err(failed)?;
+    }
+    let (_, columns) = channel;
     let header =
         Header { facts: rows.about.facts.clone(), calibration: rows.about.calibration.take() };
     let rows = damage.map(Err).into_iter().chain(rows);
@@ -127,6 +144,8 @@ struct Rows {
     about: About,
     ready: Option<Result<Vec<Cell>, FileError>>,
     given: u64,
+    /// Whether the rows before a stretch were left out.
+    moved: bool,
     over: bool,
 }
 
@@ -144,6 +163,13 @@ impl Iterator for Rows {
 }
 
 impl Rows {
+    /// Continues at the record that begins at `start`.
+    fn jump(&mut self, start: u64) -> io::Result<()> {
+        self.container.jump(start)?;
+        (self.chunk, self.ready, self.over, self.moved) = (None, None, false, true);
+        Ok(())
+    }
+
     /// Reads one record, which may be a row.
     fn step(&mut self) -> Option<Result<Vec<Cell>, FileError>> {
         if let Some(chunk) = &mut self.chunk {
@@ -215,7 +241,8 @@ impl Rows {
     }
 
     fn damaged(&self, problem: impl std::fmt::Display) -> FileError {
-        FileError::new(&self.path, format!("damaged after row {}: {problem}", self.given))
+        let (given, part) = (self.given, if self.moved { " of what was read" } else { "" });
+        FileError::new(&self.path, format!("damaged after row {given}{part}: {problem}"))
             .mend("`taxel export` saves what can still be read")
     }
 }
