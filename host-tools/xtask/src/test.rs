@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use crate::changes::Changes;
 use crate::run::{answer, cargo, clean, locked, program, root, run, setup, target};
 use crate::steps::Steps;
-use crate::{cycles, emulator, firmware, fuzz, protocol, python, toolchain};
+use crate::{cycles, emulator, firmware, fuzz, protocol, python, registers, toolchain};
 
 /// Arguments of `cargo xtask test`.
 #[derive(Args)]
@@ -97,7 +97,7 @@ pub fn task(test: &Test, steps: &mut Steps) -> Result<()> {
     steps.side_by_side(
         |steps| {
             if takes(Part::Lint) {
-                lint(takes(Part::Host), steps)?;
+                lint(takes(Part::Host), profile, steps)?;
             }
             if takes(Part::Host) {
                 // Benchmarks take as long to build as a package's tests.
@@ -178,7 +178,7 @@ fn quick(all: bool, steps: &mut Steps) -> Result<()> {
 }
 
 /// Checks format and lints; the host's crates only if nothing else compiles them.
-fn lint(compiled: bool, steps: &mut Steps) -> Result<()> {
+fn lint(compiled: bool, profile: Profile, steps: &mut Steps) -> Result<()> {
     steps.take("format", || {
         run(cargo().args(["fmt", "--all", "--check"]))?;
         run(clean("cargo", &root().join("boards")).args(["fmt", "--check"]))
@@ -204,6 +204,13 @@ fn lint(compiled: bool, steps: &mut Steps) -> Result<()> {
         run(command.args(["--", "-D", "warnings"]))
     })?;
     steps.take("parts made from the frame schema", || protocol::task(true))?;
+    // Nothing else needs the crates that the tables are made from.
+    const TABLES: &str = "tables of the chips' registers";
+    if profile == Profile::Nightly || registers::sources().is_ok() {
+        steps.take(TABLES, || registers::task(true))?;
+    } else {
+        steps.leave_out(TABLES, "their crates are neither here nor can be downloaded");
+    }
     steps.take("fuzz targets compile", fuzz::check)
 }
 
