@@ -5,6 +5,7 @@
 pub mod bench;
 pub mod block;
 pub mod board;
+pub mod bounds;
 pub mod clock;
 pub mod cost;
 pub mod faults;
