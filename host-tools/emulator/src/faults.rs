@@ -13,6 +13,7 @@ use taxel::frame::{Fields, Frame};
 use taxel::scan::Codes;
 use taxel::wire::message::{Command, Info, Response};
 
+use crate::board::UNMODELLED;
 use crate::board::chip::{PRIVATE, Writes, Written};
 use crate::board::cpu::Board;
 use crate::board::finger::{Finger, Moment, Pace};
@@ -162,6 +163,9 @@ struct Observed {
     costs: bool,
 }
 
+/// Check that catches a fault because the emulator has no model of what it sets.
+pub const REFUSAL: &str = "refusal";
+
 /// Result of a fault.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Verdict {
@@ -235,6 +239,7 @@ impl Campaign {
                     () if why.contains("still waiting") => "silence",
                     () if why.contains("the board ended") => "reset",
                     () if why.contains("is answered with") => "answer",
+                    () if why.contains(UNMODELLED) => REFUSAL,
                     () => "rule",
                 };
                 Verdict::Killed(check, why)

@@ -170,8 +170,8 @@ fn inject(arguments: &Faults) -> Result<()> {
         println!("{}", row.line());
         rows.push(row);
     }
-    let [caught, all] = faults::table::score(&rows);
-    println!("{caught} of {all} faults caught");
+    let [caught, all, refused] = faults::table::score(&rows);
+    println!("{caught} of {all} faults caught, {refused} of them by refusal");
     if let Some(path) = &arguments.csv {
         write(path, faults::table::csv(&rows).as_bytes())?;
     }
