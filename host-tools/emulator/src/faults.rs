@@ -326,7 +326,7 @@ fn observe(
     let streamed = written(&mut session).unwrap_or_default();
     let alarms = session.board.chip().common().alarms();
     let converters = match model {
-        Model::G431 => 2,
+        Model::G431 | Model::G473 => 2,
         Model::F411 => 1,
     };
     let frames = std::mem::take(&mut session.frames).into_iter().map(|(_, frame)| frame).collect();
@@ -352,7 +352,7 @@ fn observe(
     let mut read =
         |offset: u32| session.board.chip().read(0xe004_2000 + offset, 4, now).unwrap_or_default();
     let frozen = match model {
-        Model::G431 => [read(0x08), read(0x10)],
+        Model::G431 | Model::G473 => [read(0x08), read(0x10)],
         Model::F411 => [read(0x08), read(0x0c)],
     };
     let observed = Observed {

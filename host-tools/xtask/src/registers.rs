@@ -27,22 +27,36 @@ struct Chip {
     svd: [&'static str; 2],
     /// Name in `stm32-metapac`.
     metapac: &'static str,
+    /// Board with the same firmware, whose table of faults names the registers that it configures.
+    firmware: &'static str,
     /// Peripherals of interest, by their names in the SVD file.
     peripherals: &'static str,
 }
 
-const CHIPS: [Chip; 2] = [
+/// Peripherals of the product's two chips.
+const G4: &str = "RCC FLASH GPIOA GPIOB GPIOC GPIOD GPIOE GPIOF TIM1 TIM2 DMA1 DMAMUX ADC1 ADC2 \
+                  ADC12_COMMON OPAMP IWDG CRC USB PWR SYSCFG EXTI CRS DBGMCU";
+
+const CHIPS: [Chip; 3] = [
     Chip {
         board: "stm32g431",
         svd: ["stm32g4", "stm32g431"],
         metapac: "stm32g431cb",
-        peripherals: "RCC FLASH GPIOA GPIOB GPIOC GPIOD GPIOE GPIOF TIM1 TIM2 DMA1 DMAMUX ADC1 ADC2 \
-                      ADC12_COMMON OPAMP IWDG CRC USB PWR SYSCFG EXTI CRS DBGMCU",
+        firmware: "stm32g431",
+        peripherals: G4,
+    },
+    Chip {
+        board: "stm32g473",
+        svd: ["stm32g4", "stm32g473"],
+        metapac: "stm32g473ce",
+        firmware: "stm32g431",
+        peripherals: G4,
     },
     Chip {
         board: "stm32f411",
         svd: ["stm32f4", "stm32f411"],
         metapac: "stm32f411ce",
+        firmware: "stm32f411",
         peripherals: "RCC FLASH GPIOA GPIOB GPIOC GPIOD GPIOE GPIOH TIM1 TIM2 DMA2 ADC1 ADC_COMMON \
                       IWDG CRC OTG_FS_GLOBAL OTG_FS_DEVICE OTG_FS_PWRCLK PWR SYSCFG EXTI DBGMCU",
     },
@@ -72,7 +86,7 @@ pub fn task(check: bool) -> Result<()> {
     let [svds, metapacs] = sources()?;
     let mut text = "board,address,register,reset,fields,writable\n".to_owned();
     let mut found = Vec::new();
-    for Chip { board, svd: [svd, module], metapac, peripherals } in CHIPS {
+    for Chip { board, svd: [svd, module], metapac, firmware, peripherals } in CHIPS {
         let source = folder(&svds, svd, &emulator)?.join("src").join(module);
         let registers = svd::registers(&source, peripherals)?;
         for (address, register) in &registers {
@@ -82,7 +96,7 @@ pub fn task(check: bool) -> Result<()> {
         }
         let source = folder(&metapacs, "stm32-metapac", &boards)?.join("src");
         let described = metapac::registers(&source, metapac)?;
-        let written = written(&emulator.join(format!("data/faults-{board}.csv")))?;
+        let written = written(&emulator.join(format!("data/faults-{firmware}.csv")))?;
         found.extend(differences::list(board, &registers, &described, &written));
     }
     let page = root().join("docs/boards/upstream.md");

@@ -101,6 +101,7 @@ pub fn drawn(page: &str, board: Model, rows: &[Row]) -> Option<String> {
 fn list(board: Model, rows: &[Row]) -> String {
     let chip = match board {
         Model::G431 => "STM32G431CBTx",
+        Model::G473 => "STM32G473CETx",
         Model::F411 => "STM32F411CEUx",
     };
     let [caught, all, refused] = score(rows);

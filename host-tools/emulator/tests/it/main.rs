@@ -8,6 +8,7 @@ mod f411;
 mod faults;
 mod flood;
 mod g431;
+mod g473;
 mod kinds;
 mod load;
 mod page;

@@ -165,11 +165,19 @@ fn section(differences: &[Difference]) -> String {
     let told = |one: &&Difference| {
         one.kind == Kind::Moved || one.written && [Kind::Width, Kind::Missing].contains(&one.kind)
     };
+    // Chips of a family share most rows.
+    let mut rows: Vec<(String, Vec<&str>)> = Vec::new();
     for Difference { board, register, fields, bits, .. } in differences.iter().filter(told) {
         let [ours, theirs] =
             bits.map(|bits| if bits == 0 { "–".into() } else { format!("{bits:#x}") });
-        text +=
-            &format!("| {board} | {register} | {} | {ours} | {theirs} |\n", fields.to_uppercase());
+        let row = format!("{register} | {} | {ours} | {theirs}", fields.to_uppercase());
+        match rows.iter_mut().find(|(other, _)| *other == row) {
+            Some((_, boards)) => boards.push(board),
+            None => rows.push((row, vec![board])),
+        }
+    }
+    for (row, boards) in rows {
+        text += &format!("| {} | {row} |\n", boards.join(", "));
     }
     text
 }

@@ -3,7 +3,8 @@
 //!
 //! Only the pages that `memory.x` keeps from the program can be erased and programmed. Firmware
 //! that changes its own code is not modelled. The core stalls while the flash is busy, because it
-//! fetches from there.
+//! fetches from there. On the STM32G473 it stalls too, although there a bank can be read while the
+//! other one is busy.
 
 use crate::board::cells::{Cells, Flash as Changed, FlashContents, LOCK, Lock};
 use crate::board::time::{Tick, micros};
@@ -14,6 +15,10 @@ pub const ALL: (u32, u32) = (0x0800_0000, 0x2_0000);
 /// Data part, which survives power-off: the last six pages.
 pub const DATA: (u32, u32) = (0x0801_d000, 0x3000);
 const PAGE: u32 = 2048;
+/// Number of pages of a bank, which PNB counts in; a larger flash has two banks.
+const BANK: u32 = 128;
+/// Bank to erase in: BKER of CR.
+const BKER: u32 = 1 << 11;
 
 const ACR: u32 = 0x00;
 const KEYR: u32 = 0x08;
@@ -28,6 +33,8 @@ const ERASE: Tick = micros(22_020);
 
 /// Flash controller with the contents of the data part.
 pub struct Flash {
+    /// Whole flash: first address and number of bytes.
+    all: (u32, u32),
     contents: FlashContents,
     acr: u32,
     cr: u32,
@@ -38,11 +45,12 @@ pub struct Flash {
     half: Option<(u32, u32)>,
 }
 
-impl Default for Flash {
-    /// Erased flash.
-    fn default() -> Self {
+impl Flash {
+    /// Erased flash with this data part.
+    pub fn new(all: (u32, u32), data: (u32, u32)) -> Self {
         Self {
-            contents: FlashContents::erased(DATA),
+            all,
+            contents: FlashContents::erased(data),
             acr: 0x600,
             cr: LOCK,
             sr: 0,
@@ -51,13 +59,11 @@ impl Default for Flash {
             half: None,
         }
     }
-}
 
-impl Flash {
     /// Resets the controller; contents stay.
     pub fn reset(&mut self) {
         let contents = std::mem::replace(&mut self.contents, FlashContents::erased((0, 0)));
-        *self = Self { contents, ..Self::default() };
+        *self = Self { contents, ..Self::new(self.all, (0, 0)) };
     }
 
     /// Number of wait states.
@@ -66,7 +72,7 @@ impl Flash {
     }
 
     fn erase(&mut self, page: u32) -> Outcome<Tick> {
-        let address = ALL.0 + page * PAGE;
+        let address = self.all.0 + page * PAGE;
         self.contents.bytes(address, PAGE)?.fill(0xff);
         self.contents.cells.torn.retain(|word| !(address..address + PAGE).contains(word));
         // A power cut leaves some cells erased and some not: no word of the page can be trusted.
@@ -108,8 +114,9 @@ impl Flash {
         if Lock::holds(self.cr, value)? {
             return Ok(0);
         }
-        // PG, PER, PNB, STRT, LOCK
-        if value & !(LOCK | 1 << 16 | 0x3fb) != 0 {
+        // PG, PER, PNB, STRT, LOCK, and BKER of a flash with two banks
+        let banks = self.all.1 / PAGE / BANK;
+        if value & !(LOCK | 1 << 16 | 0x3fb | if banks > 1 { BKER } else { 0 }) != 0 {
             return Err(UNMODELLED.into());
         }
         self.cr = value & !(1 << 16);
@@ -119,7 +126,7 @@ impl Flash {
         if value & 3 != 2 {
             return Err("STRT without PER".into());
         }
-        self.erase(value >> 3 & 0x7f)
+        self.erase((value >> 3 & 0x7f) + if value & BKER == 0 { 0 } else { BANK })
     }
 }
 

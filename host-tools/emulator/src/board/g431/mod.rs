@@ -1,4 +1,6 @@
 //! STM32G431CB (RM0440, DS12589): its peripherals, its bus, and the wires between them.
+//!
+//! The STM32G473CE (DS12712) is the same chip with other memories: its map and its flash.
 
 mod adc;
 mod bus;
@@ -46,6 +48,14 @@ const MAP: Map = Map {
     ram: &[(0x2000_0000, 0x6000), (0x1000_0000, 0x3000)],
     factory: (0x1fff_7000, 0x1000),
     unique_id: 0x1fff_7590,
+};
+
+/// Memory map of the STM32G473CE (DS12712 §4): as above, with SRAM1 and SRAM2 as one.
+const G473: Map = Map {
+    flash: (0x0800_0000, 0x8_0000),
+    data: (0x0807_d000, 0x3000),
+    ram: &[(0x2000_0000, 0x1_8000), (0x1000_0000, 0x8000)],
+    ..MAP
 };
 
 const PORTS: [&str; 6] = ["GPIOA", "GPIOB", "GPIOC", "GPIOD", "GPIOE", "GPIOF"];
@@ -124,6 +134,7 @@ struct Requests {
 
 /// STM32G431 with its peripherals.
 pub struct G431 {
+    map: Map,
     common: Common,
     names: Names,
     units: Vec<Place>,
@@ -194,8 +205,17 @@ fn opamp() -> StoredRegisters {
 
 impl G431 {
     /// Chip after power-up.
-    pub fn new(mut finger: Finger, host: Host) -> Self {
-        finger.wire(WIRING);
+    pub fn new(finger: Finger, host: Host) -> Self {
+        Self::with(MAP, WIRING, finger, host)
+    }
+
+    /// STM32G473 after power-up, on the same board.
+    pub fn g473(finger: Finger, host: Host) -> Self {
+        Self::with(G473, Wiring { board: "stm32g473", ..WIRING }, finger, host)
+    }
+
+    fn with(map: Map, wiring: Wiring, mut finger: Finger, host: Host) -> Self {
+        finger.wire(wiring);
         let names = Names::default();
         let stored = stored_registers();
         let mut units: Vec<(&str, Unit)> = vec![
@@ -218,6 +238,7 @@ impl G431 {
         let mut units: Vec<Place> = units.into_iter().map(Place::new).collect();
         units.sort_by_key(|place| place.base);
         Self {
+            map,
             common: Common::new(finger, host, &MODES, CHANNELS),
             names,
             units,
@@ -233,7 +254,7 @@ impl G431 {
                 tim1: ["CH1", "CH2", "CH3", "CH4"].map(|channel| dma::request("TIM1", channel)),
             },
             rcc: Rcc::new(Cause::Power, None),
-            flash: Flash::default(),
+            flash: Flash::new(map.flash, map.data),
             dma: Dma::default(),
             adc: ADCS.map(Adc::new),
             adc_common: adc_common(),
@@ -341,7 +362,7 @@ impl G431 {
 
 impl Chip for G431 {
     fn map(&self) -> Map {
-        MAP
+        self.map
     }
 
     fn common(&self) -> &Common {
