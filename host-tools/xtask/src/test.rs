@@ -133,7 +133,7 @@ pub fn task(test: &Test, steps: &mut Steps) -> Result<()> {
             if takes(Part::Target) {
                 images(steps)?;
                 steps.take("lints and build of the emulator", || {
-                    run(program("cargo", &emulator::directory()).args(["fmt", "--check"]))?;
+                    run(program("cargo", &emulator::directory()).args(["fmt", "--all", "--check"]))?;
                     run(linted(emulator::cargo("test")).args(["--no-run", "--tests"]))
                 })?;
             }
