@@ -155,6 +155,10 @@ pub struct Common {
     pub writes: Option<Writes>,
     /// Number of next readings of each converter that the DMA misses.
     withheld: [u32; 2],
+    /// Clocks just enabled: offset of RCC's register, bits, and time.
+    ///
+    /// The next access to any register takes them.
+    pub(super) woken: Option<(u32, u32, Tick)>,
     pub(super) next: Option<(Tick, EventSource)>,
     /// Time up to which everything has happened.
     pub(super) now: Tick,
@@ -180,6 +184,7 @@ impl Common {
             plants: Vec::new(),
             writes: None,
             withheld: [0; 2],
+            woken: None,
             next: None,
             now: 0,
         }
@@ -292,6 +297,22 @@ impl Common {
         self.writes.as_ref().is_some_and(|writes| writes.accessed.range(blocks).next().is_some())
     }
 
+    /// Fails if the peripheral with this clock enable is accessed right after it.
+    ///
+    /// A peripheral answers two cycles after its clock starts (RM0440 §7.2.17, RM0383 §6.2). Any
+    /// other access to a register lasts as long. Accesses in one block of instructions have the
+    /// same time.
+    pub(super) fn check_wake(&mut self, clock: Option<(u32, u32)>, now: Tick) -> Outcome {
+        match (self.woken.take(), clock) {
+            (Some((register, bits, at)), Some((its, bit)))
+                if (register, at) == (its, now) && bits >> bit & 1 == 1 =>
+            {
+                Err("accessed right after its clock is enabled: read the enable back first".into())
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// Returns the pin's name; an error if the pin is not set to analogue.
     pub(super) fn analogue(
         &self,
@@ -315,6 +336,11 @@ impl Common {
         self.withheld[adc] -= u32::from(withheld);
         withheld
     }
+}
+
+/// Fails for an access across a register's border, which a device's memory does not allow.
+fn check_alignment(address: u32, size: u32) -> Outcome {
+    if address.is_multiple_of(size) { Ok(()) } else { Err("unaligned access".into()) }
 }
 
 /// Chip with a finger on its pins and a host on its port.
@@ -391,6 +417,8 @@ pub trait Chip {
     /// # Errors
     /// Name of the register, and the reason why it cannot be read.
     fn read(&mut self, address: u32, size: u32, now: (Tick, u32)) -> Outcome<u32> {
+        check_alignment(address, size)
+            .map_err(|why| format!("read of {}: {why}", self.name(address)))?;
         if let Some(writes) = &mut self.common_mut().writes {
             writes.accessed.insert(address >> 8);
         }
@@ -403,6 +431,8 @@ pub trait Chip {
     /// # Errors
     /// Name of the register, and the reason why it cannot be written.
     fn write(&mut self, address: u32, size: u32, value: u32, now: (Tick, u32)) -> Outcome {
+        check_alignment(address, size)
+            .map_err(|why| format!("write of {value:#x} to {}: {why}", self.name(address)))?;
         let value = match &mut self.common_mut().writes {
             Some(writes) => writes.pass(address, size, value),
             None => value,
