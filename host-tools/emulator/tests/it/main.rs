@@ -10,6 +10,8 @@ mod flood;
 mod g431;
 mod kinds;
 mod load;
+mod models;
+mod named;
 mod page;
 mod starter;
 mod support;

@@ -8,6 +8,7 @@
 use crate::isa::Instruction;
 
 const SP: u16 = 1 << 13;
+const LR: u16 = 1 << 14;
 const PC: u16 = 1 << 15;
 
 /// Base registers of a block's aligned accesses, one bit each.
@@ -78,6 +79,8 @@ const fn changes([op, arg]: [u16; 2]) -> u16 {
     match op {
         0x0000..0x2000 | 0x4000..0x4400 | 0x5000..0x9000 => low,
         0x2000..0x4000 | 0x4800..0x5000 | 0x9000..0xb000 => middle,
+        // BLX
+        0x4780..0x4800 => LR,
         0x4400..0x4800 => register(op & 7 | op >> 4 & 8, 0),
         // PUSH, then POP
         0xb400..0xb600 => 0,
@@ -86,12 +89,20 @@ const fn changes([op, arg]: [u16; 2]) -> u16 {
         0xc800..0xd000 => op & 0xff,
         0xc000..0xe800 => 0,
         0xe800..0xea00 if op & 0x40 == 0 => {
-            if op & 0x10 != 0 { arg } else { 0 }
+            if op & 0x10 != 0 {
+                arg
+            } else {
+                0
+            }
         }
-        0xe800..0xea00 => register(arg, 12) | register(arg, 8) | register(arg, 0),
+        // Exclusives of bytes and half words have their status in the lowest field.
+        0xe8c0..0xe8e0 => register(arg, 12) | register(arg, 0),
+        0xe800..0xea00 => register(arg, 12) | register(arg, 8),
         0xec40..0xec60 => register(arg, 12) | register(op, 0),
         0xec00..0xee00 => 0,
         0xee00..0xf000 => register(arg, 12),
+        // BL
+        0xf000..0xf800 if arg & 0xd000 == 0xd000 => LR,
         0xea00..0xf800 => register(arg, 8),
         0xf800..0xfa00 => {
             let moves = op & 0x80 == 0 && arg & 0x800 != 0;
@@ -120,17 +131,18 @@ mod tests {
         // ldr r1, [r0]; strd r2, r3, [r1]; b
         let loaded = [0x6801, 0xe9c1, 0x2300, 0xe7fe];
         assert_eq!(bases(&loaded), Bases { on_entry: 0, on_exit: 0b10 });
-        // ldr r1, [r0]; ldrd r1, r3, [r1]; b: the base is lost.
-        let lost = [0x6801, 0xe9d1, 0x1300, 0xe7fe];
-        assert_eq!(bases(&lost), Bases::default());
+        // ldr r1, [r0]; ldrd r1, r3, [r1]; b: the base is lost, as is lr by a call.
+        for lost in
+            [[0x6801, 0xe9d1, 0x1300, 0xe7fe, 0xbf00], [0x468e, 0xe9de, 0x2300, 0xf000, 0xf800]]
+        {
+            assert_eq!(bases(&lost), Bases::default());
+        }
     }
 
     #[test]
     fn other_accesses_may_be_unaligned() {
         // push {r4, lr}; vpush {d8}; ldr r2, [r1]; ldr.w r2, [r1, #1]; vmov r0, r1, d0; tbb [r1, r2]
-        let free = [
-            0xb510, 0xed2d, 0x8b02, 0x680a, 0xf8d1, 0x2001, 0xec51, 0x0b10, 0xe8d1, 0xf002,
-        ];
+        let free = [0xb510, 0xed2d, 0x8b02, 0x680a, 0xf8d1, 0x2001, 0xec51, 0x0b10, 0xe8d1, 0xf002];
         assert_eq!(bases(&free), Bases::default());
         // it eq; ldmeq r0!, {r1, r2}
         assert_eq!(bases(&[0xbf08, 0xc806]), Bases::default());

@@ -418,7 +418,8 @@ impl Adc {
             (Group::Regular, cr.adstart() && !before.adstart(), self.cfgr >> 10 & 3),
             (Group::Injected, cr.jadstart() && !before.jadstart(), self.jsqr >> 7 & 3),
         ];
-        for (group, _, _) in software.into_iter().filter(|(_, starts, edge)| *starts && *edge == 0) {
+        for (group, _, _) in software.into_iter().filter(|(_, starts, edge)| *starts && *edge == 0)
+        {
             if self.is_converting() {
                 return Err("started by the program during a conversion".into());
             }

@@ -351,7 +351,10 @@ impl G431 {
         if let Some(which) = OPAMPS.iter().position(|(_, at)| i == 1 && *at == input) {
             self.amplified(which, now)?;
             if now < self.opamp_on[which] + WAKE_UP {
-                return Err(format!("{} has been on for less than its wake-up time", OPAMPS[which].0));
+                return Err(format!(
+                    "{} has been on for less than its wake-up time",
+                    OPAMPS[which].0
+                ));
             }
             return Ok(Source::Amplifier(which));
         }

@@ -273,3 +273,6 @@ impl Device for Usb {
         Ok(Answer::Data(data1, data))
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -147,9 +147,12 @@ fn circular_channel_starts_over() {
 fn registers_are_closed_while_the_channel_is_on() {
     for dma in [G4, F4] {
         let mut driver = dma.set_up(4, 0);
-        for (register, value) in
-            [(dma.ndtr, 9), (dma.par, dma.odr), (dma.mar, RAM + 4), (dma.cr, dma.words ^ 1 << 10 | 1)]
-        {
+        for (register, value) in [
+            (dma.ndtr, 9),
+            (dma.par, dma.odr),
+            (dma.mar, RAM + 4),
+            (dma.cr, dma.words ^ 1 << 10 | 1),
+        ] {
             let closed = driver.refused(register, value);
             assert!(closed.contains("is enabled"), "{closed}");
         }

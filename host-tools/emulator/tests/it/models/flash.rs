@@ -61,7 +61,7 @@ impl Flash {
     }
 
     fn unlock(&self, driver: &mut Driver) {
-        KEYS.map(|key| driver.write(self.keyr, key));
+        KEYS.iter().for_each(|key| driver.write(self.keyr, *key));
         assert_eq!(driver.read(self.cr) & LOCK, 0);
     }
 

@@ -113,6 +113,8 @@ fn preloaded_arr_takes_effect_at_the_update() {
 #[test]
 fn counter_beyond_a_lowered_arr_runs_to_its_top() {
     on_both(|driver| {
+        // The count's begin must lie after the power-up.
+        driver.wait(300 * HZ);
         driver.write(CNT, u32::MAX - 100);
         driver.write(CR1, CEN);
         driver.wait(50 * CYCLE);
@@ -144,9 +146,9 @@ fn compare_sets_its_flag_at_the_match() {
         assert_eq!(driver.read(SR) & CC2IF, 0);
         // A value that the counter has passed matches in the next turn.
         driver.write(EGR, 1);
-        driver.write(SR, 0);
         driver.wait(50 * CYCLE);
         driver.write(CCR1, 20);
+        driver.write(SR, 0);
         driver.wait(49 * CYCLE);
         assert_eq!(driver.read(SR) & CC1IF, 0);
         driver.wait(21 * CYCLE);
