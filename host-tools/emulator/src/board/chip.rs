@@ -338,11 +338,6 @@ impl Common {
     }
 }
 
-/// Fails for an access across a register's border, which a device's memory does not allow.
-fn check_alignment(address: u32, size: u32) -> Outcome {
-    if address.is_multiple_of(size) { Ok(()) } else { Err("unaligned access".into()) }
-}
-
 /// Chip with a finger on its pins and a host on its port.
 pub trait Chip {
     /// Memory map of the chip.
@@ -417,8 +412,6 @@ pub trait Chip {
     /// # Errors
     /// Name of the register, and the reason why it cannot be read.
     fn read(&mut self, address: u32, size: u32, now: (Tick, u32)) -> Outcome<u32> {
-        check_alignment(address, size)
-            .map_err(|why| format!("read of {}: {why}", self.name(address)))?;
         if let Some(writes) = &mut self.common_mut().writes {
             writes.accessed.insert(address >> 8);
         }
@@ -431,8 +424,6 @@ pub trait Chip {
     /// # Errors
     /// Name of the register, and the reason why it cannot be written.
     fn write(&mut self, address: u32, size: u32, value: u32, now: (Tick, u32)) -> Outcome {
-        check_alignment(address, size)
-            .map_err(|why| format!("write of {value:#x} to {}: {why}", self.name(address)))?;
         let value = match &mut self.common_mut().writes {
             Some(writes) => writes.pass(address, size, value),
             None => value,

@@ -79,7 +79,7 @@ fn stack_overflow_faults_and_is_reported(model: Model) {
     while {
         let before = session.board.slept();
         session.board.run(micros(5)).unwrap();
-        session.board.slept() - before < micros(5)
+        session.board.slept() - before < micros(4)
     } {}
     session.board.lower_stack(low).unwrap();
     assert_eq!(session.board.run(micros(400_000)).unwrap(), End::Reset(Cause::Software));

@@ -82,7 +82,8 @@ const fn changes([op, arg]: [u16; 2]) -> u16 {
         // BLX
         0x4780..0x4800 => LR,
         0x4400..0x4800 => register(op & 7 | op >> 4 & 8, 0),
-        // PUSH, then POP
+        // Hints and IT; PUSH; POP
+        0xbf00..0xc000 => 0,
         0xb400..0xb600 => 0,
         0xbc00..0xbe00 => op & 0xff,
         0xb000..0xc000 => low,
