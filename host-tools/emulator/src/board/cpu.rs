@@ -23,7 +23,7 @@ use super::time::{Tick, seconds};
 use crate::block::Unknown;
 use crate::clock::Clock;
 use crate::fetch::{Fetch, Settings};
-use alignment::Bases;
+use alignment::{Bases, check_bases};
 use memory::{CORE_MEMORY, ROM_ENTRY, Ram};
 
 /// unicorn's numbers for a return from an exception and for a failed fetch.
@@ -32,25 +32,6 @@ use memory::{CORE_MEMORY, ROM_ENTRY, Ram};
 const EXCEPTION_EXIT: u32 = 8;
 const PREFETCH_ABORT: u32 = 3;
 const EXCEPTION_RETURN: u32 = 0xffff_ff00;
-
-/// Core registers that an aligned access may use as its base.
-const REGISTERS: [RegisterARM; 15] = [
-    RegisterARM::R0,
-    RegisterARM::R1,
-    RegisterARM::R2,
-    RegisterARM::R3,
-    RegisterARM::R4,
-    RegisterARM::R5,
-    RegisterARM::R6,
-    RegisterARM::R7,
-    RegisterARM::R8,
-    RegisterARM::R9,
-    RegisterARM::R10,
-    RegisterARM::R11,
-    RegisterARM::R12,
-    RegisterARM::SP,
-    RegisterARM::LR,
-];
 
 /// Reason why unicorn stopped.
 #[derive(Debug)]
@@ -448,22 +429,6 @@ fn enter_block(unicorn: &mut Unicorn<'_, Inside>, start: u64, length: u32) {
         inside.event |= block.signals;
         inside.float |= block.floats;
     }
-}
-
-/// Fails if one of these registers, a bit each, holds no multiple of four.
-fn check_bases(unicorn: &Unicorn<'_, Inside>, mut registers: u16) -> Outcome {
-    while registers != 0 {
-        let i = registers.trailing_zeros() as usize;
-        registers &= registers - 1;
-        let address = unicorn.reg_read(REGISTERS[i]).unwrap_or_default();
-        if address & 3 != 0 {
-            return Err(format!(
-                "LDM, LDRD, VLDR or a store of theirs at {address:#010x}, which is no multiple of \
-                 four (r{i}): a UsageFault"
-            ));
-        }
-    }
-    Ok(())
 }
 
 fn take_interrupt(unicorn: &mut Unicorn<'_, Inside>, number: u32) {

@@ -5,11 +5,34 @@
 //! of instructions, whichever comes closer to the access. A base that is loaded and lost again
 //! within one block escapes, and so does an access that an IT makes conditional.
 
+use unicorn_engine::{RegisterARM, Unicorn};
+
+use super::Inside;
+use crate::board::Outcome;
 use crate::isa::Instruction;
 
 const SP: u16 = 1 << 13;
 const LR: u16 = 1 << 14;
 const PC: u16 = 1 << 15;
+
+/// Core registers that an aligned access may use as its base.
+const REGISTERS: [RegisterARM; 15] = [
+    RegisterARM::R0,
+    RegisterARM::R1,
+    RegisterARM::R2,
+    RegisterARM::R3,
+    RegisterARM::R4,
+    RegisterARM::R5,
+    RegisterARM::R6,
+    RegisterARM::R7,
+    RegisterARM::R8,
+    RegisterARM::R9,
+    RegisterARM::R10,
+    RegisterARM::R11,
+    RegisterARM::R12,
+    RegisterARM::SP,
+    RegisterARM::LR,
+];
 
 /// Base registers of a block's aligned accesses, one bit each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -112,6 +135,22 @@ const fn changes([op, arg]: [u16; 2]) -> u16 {
         }
         0xfa00.. => register(arg, 12) | register(arg, 8),
     }
+}
+
+/// Fails if one of these registers, a bit each, holds no multiple of four.
+pub fn check_bases(unicorn: &Unicorn<'_, Inside>, mut registers: u16) -> Outcome {
+    while registers != 0 {
+        let i = registers.trailing_zeros() as usize;
+        registers &= registers - 1;
+        let address = unicorn.reg_read(REGISTERS[i]).unwrap_or_default();
+        if address & 3 != 0 {
+            return Err(format!(
+                "LDM, LDRD, VLDR or a store of theirs at {address:#010x}, which is no multiple of \
+                 four (r{i}): a UsageFault"
+            ));
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]

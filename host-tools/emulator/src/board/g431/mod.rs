@@ -6,6 +6,7 @@ mod dma;
 mod flash;
 pub mod names;
 mod rcc;
+mod sampling;
 mod usb;
 mod wires;
 
@@ -335,7 +336,7 @@ impl G431 {
             Source::Pin(pin) => self.common.finger.ohm(pin),
             _ => 0.0,
         };
-        let least = adc::least_sampling(input, source, ohm)?;
+        let least = sampling::least(input, source, ohm)?;
         time::check_sampling(input, self.adc[i].sampling(input), least)
     }
 

@@ -184,7 +184,7 @@ fn address_must_fit_the_size() {
     for dma in [G4, F4] {
         let mut driver = dma.set_up(4, 0);
         driver.write(dma.cr, dma.words);
-        driver.write(dma.flags.1, 0xffff_ffff & if dma.model == G431 { 0xff } else { 0xf40 });
+        driver.write(dma.flags.1, if dma.model == G431 { 0xff } else { 0xf40 });
         driver.write(dma.mar, RAM + 2);
         let odd = driver.refused(dma.cr, dma.words | 1);
         assert!(odd.contains("an address that does not fit the size"), "{odd}");

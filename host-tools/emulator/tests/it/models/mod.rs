@@ -3,7 +3,8 @@
 //! Addresses, bits and times are typed from RM0440 and DS12589 (STM32G431), RM0383 and DS10314
 //! (STM32F411), not taken from the models.
 
-mod adc;
+mod adc_f411;
+mod adc_g431;
 mod clocks;
 mod dma;
 mod flash;

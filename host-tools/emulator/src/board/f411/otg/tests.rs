@@ -133,7 +133,7 @@ fn in_packet_waits_for_its_words_and_its_enable() {
 #[test]
 fn full_fifo_takes_no_more_words() {
     let mut otg = device();
-    write(&mut otg, diepctl(1) + TSIZ, 2 * ONE | 128);
+    write(&mut otg, diepctl(1) + TSIZ, (2 * ONE) | 128);
     let ctl = read(&mut otg, diepctl(1));
     write(&mut otg, diepctl(1), ctl | EPENA | CNAK);
     for word in 0..16 {
@@ -199,7 +199,7 @@ fn out_packet_needs_cnak_and_alternates_its_toggle() {
 fn receive_fifo_overflows_by_name() {
     let mut otg = device();
     write(&mut otg, GRXFSIZ, 17);
-    write(&mut otg, doepctl(1) + TSIZ, 3 * ONE | 192);
+    write(&mut otg, doepctl(1) + TSIZ, (3 * ONE) | 192);
     let ctl = read(&mut otg, doepctl(1));
     write(&mut otg, doepctl(1), ctl & !NAKSTS | EPENA | CNAK);
     // A packet of 64 bytes takes 16 words and two of status.

@@ -1,6 +1,7 @@
-//! Converters: start-up, sequences, overrun, oversampling, sampling time, pins, amplifiers.
+//! Converters of the STM32G431: start-up, sequences, overrun, oversampling, sampling time, pins,
+//! amplifiers.
 
-use taxel_emulator::board::model::Model::{F411, G431};
+use taxel_emulator::board::model::Model::G431;
 use taxel_emulator::board::time::{HZ, Tick, micros};
 
 use super::{DARK, Driver, RAM};
@@ -76,7 +77,7 @@ fn with_sequence(inputs: &[u32]) -> Driver {
     let mut driver = g431();
     start_up(&mut driver, g4::ADC);
     let places = inputs.iter().enumerate().map(|(i, input)| input << (6 * (i + 1)));
-    driver.write(g4::ADC + g4::SQR1, inputs.len() as u32 - 1 | places.sum::<u32>());
+    driver.write(g4::ADC + g4::SQR1, (inputs.len() as u32 - 1) | places.sum::<u32>());
     driver
 }
 
@@ -86,7 +87,7 @@ fn start(driver: &mut Driver, adc: u32, bit: u32) {
 }
 
 #[test]
-fn g431_start_up_refuses_each_missing_wait() {
+fn start_up_refuses_each_missing_wait() {
     let adc = g4::ADC;
     let mut driver = g431();
     let asleep = driver.refused(adc + g4::CR, g4::ADEN);
@@ -127,7 +128,7 @@ fn g431_start_up_refuses_each_missing_wait() {
 }
 
 #[test]
-fn g431_clock_must_be_set_first() {
+fn clock_must_be_set_first() {
     let mut driver = Driver::new(G431);
     driver.set(g4::AHB2ENR, 1 << 13);
     let unclocked = driver.refused(g4::ADC + g4::CR, g4::ADVREGEN | g4::ADEN);
@@ -135,7 +136,7 @@ fn g431_clock_must_be_set_first() {
 }
 
 #[test]
-fn g431_sequence_converts_as_many_inputs_as_sqr1_says() {
+fn sequence_converts_as_many_inputs_as_sqr1_says() {
     let adc = g4::ADC;
     let mut driver = with_sequence(&[1, 3, 2]);
     start(&mut driver, adc, g4::ADSTART);
@@ -157,7 +158,7 @@ fn g431_sequence_converts_as_many_inputs_as_sqr1_says() {
 }
 
 #[test]
-fn g431_unread_result_is_an_overrun() {
+fn unread_result_is_an_overrun() {
     let adc = g4::ADC;
     let mut driver = with_sequence(&[1, 2, 3]);
     start(&mut driver, adc, g4::ADSTART);
@@ -170,7 +171,7 @@ fn g431_unread_result_is_an_overrun() {
 }
 
 #[test]
-fn g431_dma_takes_each_result_until_an_overrun() {
+fn dma_takes_each_result_until_an_overrun() {
     let adc = g4::ADC;
     let mut driver = with_sequence(&[1, 2, 3]);
     driver.set(g4::AHB1ENR, 0b101);
@@ -205,7 +206,7 @@ fn g431_dma_takes_each_result_until_an_overrun() {
 }
 
 #[test]
-fn g431_oversampling_adds_and_shifts() {
+fn oversampling_adds_and_shifts() {
     let adc = g4::ADC;
     // OVSR = 2: eight samples. OVSS: bits to shift.
     for (shift, code) in [(0, 800), (3, 100)] {
@@ -220,7 +221,7 @@ fn g431_oversampling_adds_and_shifts() {
 }
 
 #[test]
-fn g431_injected_group_has_registers_of_its_own() {
+fn injected_group_has_registers_of_its_own() {
     let adc = g4::ADC;
     let mut driver = with_sequence(&[1]);
     // JL = 1: inputs 4 and 2.
@@ -236,7 +237,7 @@ fn g431_injected_group_has_registers_of_its_own() {
 }
 
 #[test]
-fn g431_registers_are_closed_while_started() {
+fn registers_are_closed_while_started() {
     let adc = g4::ADC;
     let mut driver = with_sequence(&[1, 2]);
     start(&mut driver, adc, g4::ADSTART);
@@ -253,7 +254,7 @@ fn g431_registers_are_closed_while_started() {
 }
 
 #[test]
-fn g431_sampling_must_suit_the_source() {
+fn sampling_must_suit_the_source() {
     let adc = g4::ADC;
     // 2.5 cycles of 250 ns are 625 ns: enough for 1.5 kΩ (DS12589 table 67), and 6.5 for 2 kΩ.
     for (ohm, code, enough) in [(1_500.0, 0, true), (2_000.0, 0, false), (2_000.0, 1, true)] {
@@ -279,7 +280,7 @@ fn g431_sampling_must_suit_the_source() {
 }
 
 #[test]
-fn g431_input_must_be_a_free_analogue_pin() {
+fn input_must_be_a_free_analogue_pin() {
     let refused = |register: u32, value: u32| {
         let mut driver = with_sequence(&[1]);
         driver.write(register, value);
@@ -311,7 +312,7 @@ fn with_amplifier() -> Driver {
 const AMPLIFIES: u32 = 0b01011 << 14 | 1 << 8 | 2 << 5 | 1;
 
 #[test]
-fn g431_amplifier_multiplies_a_midpoint() {
+fn amplifier_multiplies_a_midpoint() {
     for (select, code) in [(0, 1_000), (1, 1_100)] {
         let mut driver = with_amplifier();
         driver.write(g4::OPAMP2_CSR, AMPLIFIES | select << 2);
@@ -323,7 +324,7 @@ fn g431_amplifier_multiplies_a_midpoint() {
 }
 
 #[test]
-fn g431_amplifier_must_be_awake_and_set_up() {
+fn amplifier_must_be_awake_and_set_up() {
     let refused = |csr: u32, time: Tick| {
         let mut driver = with_amplifier();
         driver.write(g4::OPAMP2_CSR, csr);
@@ -341,123 +342,5 @@ fn g431_amplifier_must_be_awake_and_set_up() {
     for gain in [0b01101, 0b00011] {
         let wrong = refused(AMPLIFIES & !(0x1f << 14) | gain << 14, micros(10));
         assert!(wrong.contains("OPAMP2 does not amplify 16 times"), "{wrong}");
-    }
-}
-
-/// Registers of the STM32F411 (RM0383 §11.12).
-mod f4 {
-    pub const AHB1ENR: u32 = 0x4002_3830;
-    pub const APB2ENR: u32 = 0x4002_3844;
-    pub const GPIOA_MODER: u32 = 0x4002_0000;
-    pub const GPIOB_BSRR: u32 = 0x4002_0418;
-    pub const SR: u32 = 0x4001_2000;
-    pub const CR1: u32 = 0x4001_2004;
-    pub const CR2: u32 = 0x4001_2008;
-    pub const SMPR2: u32 = 0x4001_2010;
-    pub const SQR1: u32 = 0x4001_202c;
-    pub const SQR3: u32 = 0x4001_2034;
-    pub const DR: u32 = 0x4001_204c;
-    pub const CCR: u32 = 0x4001_2304;
-
-    pub const EOC: u32 = 1 << 1;
-    pub const OVR: u32 = 1 << 5;
-    pub const SCAN: u32 = 1 << 8;
-    pub const ADON: u32 = 1;
-    pub const DMA: u32 = 1 << 8;
-    pub const DDS: u32 = 1 << 9;
-    pub const SWSTART: u32 = 1 << 30;
-}
-
-/// STM32F411 with its converter on and stable, and the columns' pins analogue.
-fn f411() -> Driver {
-    let mut driver = Driver::new(F411);
-    driver.set(f4::AHB1ENR, 0b11);
-    driver.set(f4::APB2ENR, 1 << 8);
-    driver.write(f4::GPIOA_MODER, 0xa800_03fc);
-    driver.write(f4::GPIOB_BSRR, 0);
-    driver.write(f4::CCR, 1 << 16);
-    driver.write(f4::CR2, f4::ADON);
-    driver.wait(micros(1_000));
-    driver
-}
-
-#[test]
-fn f411_converts_after_it_is_stable() {
-    let mut driver = f411();
-    driver.write(f4::CR2, 0);
-    driver.write(f4::CR2, f4::ADON);
-    driver.wait(micros(3) - 1);
-    let early = driver.refused(f4::CR2, f4::ADON | f4::SWSTART);
-    assert!(early.contains("SWSTART before the ADC is stable"), "{early}");
-
-    let mut driver = f411();
-    driver.write(f4::SQR3, 2);
-    driver.write(f4::CR2, f4::ADON | f4::SWSTART);
-    assert_eq!(driver.read(f4::CR2), f4::ADON);
-    // Three cycles to begin, three of sampling, twelve of conversion.
-    driver.wait(18 * CYCLE - 1);
-    assert_eq!(driver.read(f4::SR) & f4::EOC, 0);
-    driver.wait(1);
-    assert_eq!(driver.read(f4::SR) & f4::EOC, f4::EOC);
-    assert_eq!([driver.read(f4::DR), driver.read(f4::SR) & f4::EOC], [u32::from(DARK[1]), 0]);
-}
-
-/// Sets a sequence of inputs 1 to 3 with DMA.
-fn sequence(driver: &mut Driver, stream: bool) {
-    driver.write(f4::CR1, f4::SCAN);
-    driver.write(f4::SQR1, 2 << 20);
-    driver.write(f4::SQR3, 3 << 10 | 2 << 5 | 1);
-    driver.set(f4::AHB1ENR, 1 << 22);
-    // DMA2's stream 0, channel 0: half words to memory, MINC.
-    driver.write(0x4002_6418, f4::DR);
-    driver.write(0x4002_641c, RAM);
-    driver.write(0x4002_6414, 6);
-    driver.write(0x4002_6410, 1 << 13 | 1 << 11 | 1 << 10 | u32::from(stream));
-    driver.write(f4::CR2, f4::ADON | f4::DMA | f4::DDS);
-}
-
-#[test]
-fn f411_sequence_goes_to_memory() {
-    let mut driver = f411();
-    sequence(&mut driver, true);
-    driver.write(f4::CR2, f4::ADON | f4::DMA | f4::DDS | f4::SWSTART);
-    driver.wait((3 + 3 * 15) * CYCLE);
-    let read: Vec<_> = (0..4).map(|i| driver.half(RAM + 2 * i)).collect();
-    assert_eq!(read, [100, 200, 300, 0]);
-    assert_eq!(driver.read(f4::SR) & (f4::EOC | f4::OVR), 0);
-}
-
-#[test]
-fn f411_overrun_stops_conversions_until_it_is_cleared() {
-    let mut driver = f411();
-    sequence(&mut driver, false);
-    let go = f4::ADON | f4::DMA | f4::DDS | f4::SWSTART;
-    driver.write(f4::CR2, go);
-    driver.wait(100 * CYCLE);
-    assert_eq!(driver.read(f4::SR) & f4::OVR, f4::OVR);
-    assert_eq!(driver.read(f4::DR), u32::from(DARK[0]));
-    driver.write(f4::CR2, go);
-    driver.wait(100 * CYCLE);
-    assert_eq!(driver.read(f4::SR) & f4::EOC, 0);
-    // A flag is cleared by a zero.
-    driver.write(f4::SR, 0x3f & !f4::OVR);
-    driver.write(f4::CR2, go);
-    driver.wait(18 * CYCLE);
-    assert_eq!(driver.read(f4::SR) & (f4::EOC | f4::OVR), f4::EOC);
-}
-
-#[test]
-fn f411_sampling_must_suit_the_source() {
-    // Equation 1 of DS10314: 3 cycles of 250 ns suit 3.2 kΩ, 15 suit 47 kΩ.
-    for (ohm, code, enough) in
-        [(3_100.0, 0, true), (3_300.0, 0, false), (40_000.0, 1, true), (60_000.0, 1, false)]
-    {
-        let mut driver = f411();
-        driver.chip.common_mut().finger.column_ohm = ohm;
-        driver.write(f4::SQR3, 1);
-        driver.write(f4::SMPR2, code << 3);
-        driver.write(f4::CR2, f4::ADON | f4::SWSTART);
-        let converted = driver.wait_or_stop(50 * CYCLE);
-        assert_eq!(converted.is_ok(), enough, "{ohm}: {converted:?}");
     }
 }
