@@ -11,7 +11,7 @@ pub struct Oscillator {
     pub on: u32,
     /// Bit of the ready flag.
     pub ready: u32,
-    /// Longest start-up time.
+    /// Start-up time.
     pub start: Tick,
 }
 

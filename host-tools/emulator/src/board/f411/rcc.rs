@@ -1,11 +1,11 @@
 //! Clocks and resets of the STM32F411 (RM0383 §6).
 //!
-//! Oscillators are ready after their longest start-up time. Changes of the system clock are checked
+//! Oscillators are ready after their start-up time. Changes of the system clock are checked
 //! against the flash's wait states and the voltage scale.
 
 use crate::board::chip::Cause;
 use crate::board::oscillators::{Oscillator, Oscillators};
-use crate::board::time::{self, Tick, micros};
+use crate::board::time::{self, Tick, micros, nanos};
 use crate::board::{Outcome, UNMODELLED};
 
 const CR: u32 = 0x00;
@@ -24,12 +24,12 @@ const FASTEST_APB1: u64 = 50_000_000;
 /// Hertz per wait state at 2.7 V to 3.6 V (RM0383 table 6).
 const WAIT_STATE_HZ: u64 = 30_000_000;
 
-/// Oscillators with their longest start-up times (DS10314 tables 38 to 42; the crystal's is typical).
+/// Oscillators with their typical start-up times, and the PLL with its longest (DS10314 tables 38 to 42).
 const OSCILLATORS: [Oscillator; 4] = [
-    Oscillator { register: CR, on: 0, ready: 1, start: micros(4) },
+    Oscillator { register: CR, on: 0, ready: 1, start: nanos(2_200) },
     Oscillator { register: CR, on: 16, ready: 17, start: micros(2_000) },
     Oscillator { register: CR, on: 24, ready: 25, start: micros(300) },
-    Oscillator { register: CSR, on: 0, ready: 1, start: micros(40) },
+    Oscillator { register: CSR, on: 0, ready: 1, start: micros(15) },
 ];
 const HSI: usize = 0;
 const HSE: usize = 1;

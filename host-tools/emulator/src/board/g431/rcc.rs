@@ -1,6 +1,6 @@
 //! Clocks and resets of the STM32G431 (RM0440 §7).
 //!
-//! Oscillators are ready after their longest start-up time. Changes of the system clock are checked
+//! Oscillators are ready after their typical start-up time. Changes of the system clock are checked
 //! against the flash's wait states.
 
 use super::wires::Bit;
@@ -28,12 +28,12 @@ const HALVED: u64 = 80_000_000;
 /// Least time at half of the clock, where it rises above [`HALVED`] (RM0440 §7.2.7).
 const HALF_SPEED: Tick = micros(1);
 
-/// Oscillators with their longest start-up times (DS12589 tables 40 to 43).
+/// Oscillators with their typical start-up times (DS12589 tables 40 to 43).
 const OSCILLATORS: [Oscillator; 4] = [
-    Oscillator { register: CR, on: 8, ready: 10, start: time::nanos(1_200) },
-    Oscillator { register: CR, on: 24, ready: 25, start: micros(40) },
-    Oscillator { register: CRRCR, on: 0, ready: 1, start: micros(6) },
-    Oscillator { register: CSR, on: 0, ready: 1, start: micros(130) },
+    Oscillator { register: CR, on: 8, ready: 10, start: time::nanos(800) },
+    Oscillator { register: CR, on: 24, ready: 25, start: micros(15) },
+    Oscillator { register: CRRCR, on: 0, ready: 1, start: time::nanos(2_500) },
+    Oscillator { register: CSR, on: 0, ready: 1, start: micros(80) },
 ];
 const HSI16: usize = 0;
 const PLL: usize = 1;

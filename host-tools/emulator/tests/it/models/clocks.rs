@@ -1,7 +1,7 @@
 //! Clocks: start-up times of oscillators, order of the switches, clock enables.
 
 use taxel_emulator::board::model::Model::{F411, G431};
-use taxel_emulator::board::time::micros;
+use taxel_emulator::board::time::{micros, nanos};
 
 use super::Driver;
 
@@ -37,11 +37,11 @@ fn g431_oscillators_are_ready_after_their_time() {
     let mut driver = Driver::new(G431);
     // HSIRDY after the reset.
     assert_eq!(driver.read(g4::CR) >> 8 & 7, 0b101);
-    // HSI48ON, LSION: DS12589's longest start-up times.
-    for (register, us) in [(g4::CRRCR, 6), (g4::CSR, 130)] {
+    // HSI48ON, LSION: DS12589's typical start-up times.
+    for (register, ns) in [(g4::CRRCR, 2_500), (g4::CSR, 80_000)] {
         driver.set(register, 1);
         assert_eq!(driver.read(register) & 3, 1);
-        assert_eq!(driver.wait_for(register, 2, 2), micros(us));
+        assert_eq!(driver.wait_for(register, 2, 2), nanos(ns));
         let off = driver.read(register) & !1;
         driver.write(register, off);
         assert_eq!(driver.read(register) & 3, 0);
@@ -71,7 +71,7 @@ fn g431_pll_is_no_clock_before_it_has_locked() {
 
     let mut driver = Driver::new(G431);
     start_pll(&mut driver);
-    assert_eq!(driver.wait_for(g4::CR, 1 << 25, 1 << 25), micros(40));
+    assert_eq!(driver.wait_for(g4::CR, 1 << 25, 1 << 25), micros(15));
     driver.write(g4::CFGR, 8 << 4 | 3);
     assert_eq!(driver.read(g4::CFGR) >> 2 & 3, 3);
 }
@@ -82,7 +82,7 @@ fn g431_rises_to_170_mhz_in_two_steps_with_boost() {
         let mut driver = Driver::new(G431);
         driver.set(g4::APB1ENR1, 1 << 28);
         start_pll(&mut driver);
-        driver.wait(micros(40));
+        driver.wait(micros(15));
         driver
     };
     let mut driver = at_85_mhz();
@@ -113,7 +113,7 @@ fn g431_rises_to_170_mhz_in_two_steps_with_boost() {
 fn g431_wait_states_and_pll_are_checked() {
     let mut driver = Driver::new(G431);
     start_pll(&mut driver);
-    driver.wait(micros(40));
+    driver.wait(micros(15));
     driver.write(g4::ACR, 0x601);
     let slow = driver.refused(g4::CFGR, 8 << 4 | 3);
     assert!(slow.contains("85000000 Hz needs 2 wait states, 1 are set"), "{slow}");
@@ -123,7 +123,7 @@ fn g431_wait_states_and_pll_are_checked() {
     driver.write(g4::PLLCFGR, 1 << 24 | 88 << 8 | 3 << 4 | 2);
     driver.set(g4::CR, 1 << 24);
     driver.write(g4::ACR, 0x604);
-    driver.wait(micros(40));
+    driver.wait(micros(15));
     let fast = driver.refused(g4::CFGR, 8 << 4 | 3);
     assert!(fast.contains("352000000 Hz at its oscillator: out of range"), "{fast}");
 }
