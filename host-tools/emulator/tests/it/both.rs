@@ -75,6 +75,12 @@ fn stack_overflow_faults_and_is_reported(model: Model) {
         Model::G431 | Model::G473 => 0x1000_0008,
         Model::F411 => 0x2000_0008,
     };
+    // In its sleep, so that the next thing on the stack is an interrupt's frame.
+    while {
+        let before = session.board.slept();
+        session.board.run(micros(5)).unwrap();
+        session.board.slept() - before < micros(4)
+    } {}
     session.board.lower_stack(low).unwrap();
     assert_eq!(session.board.run(micros(400_000)).unwrap(), End::Reset(Cause::Software));
     session.reopen().unwrap();

@@ -11,6 +11,8 @@ mod g431;
 mod g473;
 mod kinds;
 mod load;
+mod models;
+mod named;
 mod page;
 mod starter;
 mod support;
