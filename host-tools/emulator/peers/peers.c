@@ -1,10 +1,24 @@
 /* Nets of other libraries on the machine of host-tools/emulator: the 16-16-3 tanh net of [DeMaria2011] by each
- * library, with weights and inputs from the host. `cargo xtask cycles --peers` builds and runs it. */
+ * library, with weights and inputs from the host. With CORE_TANH the libraries take the core's tanh in
+ * place of theirs. `cargo run -p taxel-research -- peers` builds and runs it. */
 
+#include <math.h>
 #include <stdint.h>
 #include <string.h>
 
 #include "arm_math.h"
+
+#ifdef CORE_TANH
+#include "tanh.h"
+#define tanhf tanh_of_core
+#define TANH_16(x) tanh_16_of_core(x)
+#define NAME(library) library " with taxel's tanh"
+#else
+static void tanh_prepare(void) {}
+#define TANH_16(x) arm_linear_interp_q15(tanh_16, ((x) + 32768) << 13, STEPS + 1)
+#define NAME(library) library
+#endif
+
 #include "eml_net.h"
 
 enum { INPUTS = 16, HIDDEN = 16, OUTPUTS = 3 };
@@ -13,6 +27,7 @@ enum { INPUTS = 16, HIDDEN = 16, OUTPUTS = 3 };
 struct given {
     uint32_t length;
     uint32_t count;
+    float signal; /* 16-bit value of a signal of 1 */
     float hidden[HIDDEN * INPUTS];
     float hidden_bias[HIDDEN];
     float output[OUTPUTS * HIDDEN];
@@ -52,8 +67,74 @@ static void cmsis_dsp(const float *x, float *y)
     arm_add_f32(y, given->output_bias, y, OUTPUTS);
 }
 
+/* CMSIS-DSP in 16 bits: arguments of tanh in eighths, tanh from a table of its interpolation. Its own functions
+ * throughout, except the bias of the outputs, which is in floats in the core's net too. */
+enum { STEPS = 512 };
+static q15_t hidden_16[HIDDEN * INPUTS], hidden_bias_16[HIDDEN], output_16[OUTPUTS * HIDDEN], tanh_16[STEPS + 1];
+static arm_matrix_instance_q15 dsp_hidden_16, dsp_output_16;
+static float output_one;
+
+static void cmsis_dsp_16(const float *x, float *y)
+{
+    float scaled[INPUTS];
+    q15_t signals[INPUTS], units[HIDDEN], sums[OUTPUTS];
+    arm_scale_f32(x, given->signal / 32768.0f, scaled, INPUTS);
+    arm_float_to_q15(scaled, signals, INPUTS);
+    arm_mat_vec_mult_q15(&dsp_hidden_16, signals, units);
+    arm_add_q15(units, hidden_bias_16, units, HIDDEN);
+    for (int i = 0; i < HIDDEN; i++) {
+        units[i] = TANH_16(units[i]);
+    }
+    arm_mat_vec_mult_q15(&dsp_output_16, units, sums);
+    arm_q15_to_float(sums, y, OUTPUTS);
+    arm_scale_f32(y, output_one, y, OUTPUTS);
+    arm_add_f32(y, given->output_bias, y, OUTPUTS);
+}
+
+static void end(uint32_t reason);
+
+/* Number in 16 bits; ends the program if it does not fit. */
+static q15_t narrowed(float x)
+{
+    float whole = roundf(x);
+    if (!(fabsf(whole) <= 32767.0f)) {
+        end(0x20024);
+    }
+    return (q15_t)whole;
+}
+
+static void prepare_16(void)
+{
+    for (int i = 0; i < HIDDEN * INPUTS; i++) {
+        hidden_16[i] = narrowed(given->hidden[i] * 4096.0f * 32768.0f / given->signal);
+    }
+    float most = 0.0f;
+    for (int o = 0; o < OUTPUTS; o++) {
+        float sum = 0.0f;
+        for (int h = 0; h < HIDDEN; h++) {
+            sum += fabsf(given->output[o * HIDDEN + h]);
+        }
+        most = fmaxf(most, sum);
+    }
+    /* A little less than full scale, so that no rounding overflows. */
+    output_one = most * 1.002f;
+    for (int i = 0; i < OUTPUTS * HIDDEN; i++) {
+        output_16[i] = narrowed(given->output[i] * 32768.0f / output_one);
+    }
+    for (int h = 0; h < HIDDEN; h++) {
+        hidden_bias_16[h] = narrowed(given->hidden_bias[h] * 4096.0f);
+    }
+    for (int i = 0; i <= STEPS; i++) {
+        tanh_16[i] = narrowed(32767.0f * (float)tanh((i - STEPS / 2) / 32.0));
+    }
+    arm_mat_init_q15(&dsp_hidden_16, HIDDEN, INPUTS, hidden_16);
+    arm_mat_init_q15(&dsp_output_16, OUTPUTS, HIDDEN, output_16);
+}
+
 static void prepare(void)
 {
+    tanh_prepare();
+    prepare_16();
     for (int i = 0; i < INPUTS; i++) {
         for (int h = 0; h < HIDDEN; h++) {
             eml_hidden[i * HIDDEN + h] = given->hidden[h * INPUTS + i];
@@ -76,6 +157,13 @@ static void host(uint32_t operation, const void *parameter)
     register uint32_t r0 __asm__("r0") = operation;
     register const void *r1 __asm__("r1") = parameter;
     __asm__ volatile("bkpt 0xab" : "+r"(r0) : "r"(r1) : "memory");
+}
+
+static void end(uint32_t reason)
+{
+    host(0x18, (const void *)reason);
+    for (;;) {
+    }
 }
 
 typedef void (*peer)(const float *, float *);
@@ -101,11 +189,10 @@ void reset(void)
     memcpy(&data_begin, &data_from, (char *)&data_end - (char *)&data_begin);
     memset(&bss_begin, 0, (char *)&bss_end - (char *)&bss_begin);
     prepare();
-    measure("emlearn", emlearn);
-    measure("CMSIS-DSP", cmsis_dsp);
-    host(0x18, (const void *)0x20026);
-    for (;;) {
-    }
+    measure(NAME("emlearn"), emlearn);
+    measure(NAME("CMSIS-DSP"), cmsis_dsp);
+    measure(NAME("CMSIS-DSP q15"), cmsis_dsp_16);
+    end(0x20026);
 }
 
 __attribute__((section(".vectors"), used)) static const void *const vectors[2] = { &stack_top, reset };

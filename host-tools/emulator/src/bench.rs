@@ -40,6 +40,8 @@ impl Stage {
             worst.instructions = worst.instructions.max(call.instructions);
             worst.cycles.low = worst.cycles.low.max(call.cycles.low);
             worst.cycles.high = worst.cycles.high.max(call.cycles.high);
+            worst.bounds.low = worst.bounds.low.max(call.bounds.low);
+            worst.bounds.high = worst.bounds.high.max(call.bounds.high);
             worst
         })
     }

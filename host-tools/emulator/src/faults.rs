@@ -13,6 +13,7 @@ use taxel::frame::{Fields, Frame};
 use taxel::scan::Codes;
 use taxel::wire::message::{Command, Info, Response};
 
+use crate::board::UNMODELLED;
 use crate::board::chip::{PRIVATE, Writes, Written};
 use crate::board::cpu::Board;
 use crate::board::finger::{Finger, Moment, Pace};
@@ -162,6 +163,9 @@ struct Observed {
     costs: bool,
 }
 
+/// Check that catches a fault because the emulator has no model of what it sets.
+pub const REFUSAL: &str = "refusal";
+
 /// Result of a fault.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Verdict {
@@ -235,6 +239,7 @@ impl Campaign {
                     () if why.contains("still waiting") => "silence",
                     () if why.contains("the board ended") => "reset",
                     () if why.contains("is answered with") => "answer",
+                    () if why.contains(UNMODELLED) => REFUSAL,
                     () => "rule",
                 };
                 Verdict::Killed(check, why)
@@ -321,7 +326,7 @@ fn observe(
     let streamed = written(&mut session).unwrap_or_default();
     let alarms = session.board.chip().common().alarms();
     let converters = match model {
-        Model::G431 => 2,
+        Model::G431 | Model::G473 => 2,
         Model::F411 => 1,
     };
     let frames = std::mem::take(&mut session.frames).into_iter().map(|(_, frame)| frame).collect();
@@ -347,7 +352,7 @@ fn observe(
     let mut read =
         |offset: u32| session.board.chip().read(0xe004_2000 + offset, 4, now).unwrap_or_default();
     let frozen = match model {
-        Model::G431 => [read(0x08), read(0x10)],
+        Model::G431 | Model::G473 => [read(0x08), read(0x10)],
         Model::F411 => [read(0x08), read(0x0c)],
     };
     let observed = Observed {

@@ -1,16 +1,11 @@
-//! Cortex-M4F machine that counts instructions exactly and models cycles from the core's manual.
+//! Whole boards around a Cortex-M4F, and the costs of the core's stages on it.
 //!
-//! [`board`] builds a whole board around it.
+//! The machine is a crate of its own, [`m4_machine`]; [`board`] builds a whole board around it.
 
 pub mod bench;
-pub mod block;
 pub mod board;
-pub mod clock;
-pub mod cost;
 pub mod faults;
-pub mod fetch;
-pub mod isa;
-pub mod machine;
 pub mod peers;
-pub mod profile;
 pub mod report;
+
+pub use m4_machine::{block, bounds, clock, cost, fetch, isa, machine, profile};

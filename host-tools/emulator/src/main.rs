@@ -22,6 +22,7 @@ use taxel_emulator::board::model::Model;
 use taxel_emulator::board::script::Session;
 use taxel_emulator::board::server::Server;
 use taxel_emulator::board::{capture, diagram, time, timing};
+use taxel_emulator::clock::Count;
 use taxel_emulator::faults::table::Row;
 use taxel_emulator::faults::{self, Campaign};
 use taxel_emulator::profile::Profiler;
@@ -169,8 +170,8 @@ fn inject(arguments: &Faults) -> Result<()> {
         println!("{}", row.line());
         rows.push(row);
     }
-    let [caught, all] = faults::table::score(&rows);
-    println!("{caught} of {all} faults caught");
+    let [caught, all, refused] = faults::table::score(&rows);
+    println!("{caught} of {all} faults caught, {refused} of them by refusal");
     if let Some(path) = &arguments.csv {
         write(path, faults::table::csv(&rows).as_bytes())?;
     }
@@ -386,13 +387,14 @@ fn compare_with(arguments: &Peers) -> Result<()> {
     ];
     for peer in &arguments.peers {
         let (with, elf) = peer.rsplit_once('=').context("--peer: expected WITH=ELF")?;
-        all.extend(peers::run(&bytes(Path::new(elf))?, with, &net, &signals)?);
+        let elf = bytes(Path::new(elf))?;
+        all.extend(peers::run(&elf, with, (&net, q15.signal), &signals)?);
     }
     for peer in &all {
-        let (cycles, instructions) = (peer.worst.cycles, peer.worst.instructions);
+        let Count { cycles, bounds, instructions, .. } = peer.worst;
         println!(
-            "{:<60} {:.1e}  {}-{} cycles  {instructions} instructions",
-            peer.name, peer.max_error, cycles.low, cycles.high
+            "{:<80} {:.1e}  {}-{} cycles, bounds {}-{}  {instructions} instructions",
+            peer.name, peer.max_error, cycles.low, cycles.high, bounds.low, bounds.high
         );
     }
     let table = peers::csv(&peers::best(all), &arguments.missing);

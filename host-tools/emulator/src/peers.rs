@@ -58,9 +58,16 @@ pub fn own(
 }
 
 /// Runs the image of `peers/peers.c` in `elf`; `with` is its compiler and options.
-pub fn run(elf: &[u8], with: &str, net: &ForceNet, inputs: &[[f32; TAXELS]]) -> Result<Vec<Peer>> {
+///
+/// `signal` is the value of a signal of 1.0 in 16 bits.
+pub fn run(
+    elf: &[u8],
+    with: &str,
+    (net, signal): (&ForceNet, f32),
+    inputs: &[[f32; TAXELS]],
+) -> Result<Vec<Peer>> {
     let mut machine = Machine::new(elf)?;
-    machine.write(SHARED, &given(net, inputs)?)?;
+    machine.write(SHARED, &given(net, signal, inputs)?)?;
     let mut peers: Vec<(Stage, f64)> = Vec::new();
     let mut said = String::new();
     while let Some(event) = next(&mut machine, &mut said)? {
@@ -96,11 +103,12 @@ pub fn run(elf: &[u8], with: &str, net: &ForceNet, inputs: &[[f32; TAXELS]]) -> 
 }
 
 /// Bytes of `struct given` in peers.c.
-fn given(net: &ForceNet, inputs: &[[f32; TAXELS]]) -> Result<Vec<u8>> {
+fn given(net: &ForceNet, signal: f32, inputs: &[[f32; TAXELS]]) -> Result<Vec<u8>> {
     let count = u32::try_from(inputs.len())?;
     let weights = net.hidden().chain(net.hidden_bias()).chain(net.output());
     let weights = weights.chain(net.output_bias.iter().copied());
-    let numbers = weights.chain(inputs.iter().flatten().copied()).flat_map(f32::to_le_bytes);
+    let numbers = std::iter::once(signal).chain(weights).chain(inputs.iter().flatten().copied());
+    let numbers = numbers.flat_map(f32::to_le_bytes);
     let mut bytes: Vec<u8> = [0; 4].into_iter().chain(count.to_le_bytes()).chain(numbers).collect();
     let length = u32::try_from(bytes.len() - 4)?;
     bytes[..4].copy_from_slice(&length.to_le_bytes());
@@ -123,18 +131,21 @@ pub fn best(peers: Vec<Peer>) -> Vec<Peer> {
 
 /// Table as CSV; `missing` lists the libraries that could not be built, with the reason.
 pub fn csv(peers: &[Peer], missing: &[String]) -> String {
-    let mut table = String::from("name,net,max_error,cycles_low,cycles_high,instructions\n");
+    let mut table = String::from(
+        "name,net,max_error,cycles_low,cycles_high,instructions,cycles_least,cycles_most\n",
+    );
     for Peer { name, max_error, worst } in peers {
         let (low, high) = (worst.cycles.low, worst.cycles.high);
+        let (least, most) = (worst.bounds.low, worst.bounds.high);
         // Writing into a string cannot fail.
         let _ = writeln!(
             table,
-            "\"{name}\",16-16-3,{max_error:.1e},{low},{high},{}",
+            "\"{name}\",16-16-3,{max_error:.1e},{low},{high},{},{least},{most}",
             worst.instructions
         );
     }
     for name in missing {
-        let _ = writeln!(table, "\"{name}\",16-16-3,,,,");
+        let _ = writeln!(table, "\"{name}\",16-16-3,,,,,,");
     }
     table
 }
@@ -159,6 +170,9 @@ mod tests {
     #[test]
     fn missing_peer_is_listed_without_figures() {
         let table = csv(&[peer("a, -O2", 9)], &["b: no sources".into()]);
-        assert!(table.ends_with("\"a, -O2\",16-16-3,0.0e0,0,9,0\n\"b: no sources\",16-16-3,,,,\n"));
+        assert!(
+            table
+                .ends_with("\"a, -O2\",16-16-3,0.0e0,0,9,0,0,0\n\"b: no sources\",16-16-3,,,,,,\n")
+        );
     }
 }

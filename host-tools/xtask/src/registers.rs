@@ -1,188 +1,140 @@
-//! `cargo xtask registers`: writes the register table of the emulated chips.
+//! `cargo xtask registers`: tables of the emulated chips' registers, from two descriptions of them.
 //!
-//! The table is `host-tools/emulator/data/registers.csv`. Its source are the crates `stm32g4` and
-//! `stm32f4`, which are generated from the manufacturer's SVD files. The firmware's register access
-//! is generated from other descriptions, so that neither hides a mistake of the other. The crates
-//! are read and not compiled, because compiling takes a minute.
+//! `host-tools/emulator/data/registers.csv` is the emulator's table. Its source are the crates
+//! `stm32g4` and `stm32f4`, which are generated from the manufacturer's SVD files. The firmware's
+//! register access is generated from other descriptions, those of `stm32-metapac`, so that neither
+//! hides a mistake of the other. `data/register-differences.csv` and a section of
+//! `docs/boards/upstream.md` list the registers on which the two disagree. The crates are read and
+//! not compiled, because compiling takes a minute, and `stm32-metapac` has one chip a build.
 
-use std::collections::BTreeMap;
+mod differences;
+mod metapac;
+mod svd;
+
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 
 use crate::changes::packages;
-use crate::run::{program, root};
+use crate::run::{locked, program, root};
 
-/// Emulated chips: board, crate, module of the crate, and peripherals of interest.
-const CHIPS: [(&str, &str, &str, &str); 2] = [
-    (
-        "stm32g431",
-        "stm32g4",
-        "stm32g431",
-        "RCC FLASH GPIOA GPIOB GPIOC GPIOD GPIOE GPIOF TIM1 TIM2 DMA1 DMAMUX ADC1 ADC2 \
-         ADC12_COMMON OPAMP IWDG CRC USB PWR SYSCFG EXTI CRS DBGMCU",
-    ),
-    (
-        "stm32f411",
-        "stm32f4",
-        "stm32f411",
-        "RCC FLASH GPIOA GPIOB GPIOC GPIOD GPIOE GPIOH TIM1 TIM2 DMA2 ADC1 ADC_COMMON \
-         IWDG CRC OTG_FS_GLOBAL OTG_FS_DEVICE OTG_FS_PWRCLK PWR SYSCFG EXTI DBGMCU",
-    ),
-];
-
-/// Register of the table.
-#[derive(Debug, Default, PartialEq, Eq)]
-struct Register {
-    names: Vec<String>,
-    reset: u32,
-    /// Bits of all fields, and those that can be written.
-    fields: u32,
-    writable: u32,
+/// Emulated chip and its descriptions.
+struct Chip {
+    board: &'static str,
+    /// Crate of the SVD files, and the chip's module in it.
+    svd: [&'static str; 2],
+    /// Name in `stm32-metapac`.
+    metapac: &'static str,
+    /// Board with the same firmware, whose table of faults names the registers that it configures.
+    firmware: &'static str,
+    /// Peripherals of interest, by their names in the SVD file.
+    peripherals: &'static str,
 }
 
-/// Writes the table; with `check`, fails if it differs and writes nothing.
+/// Peripherals of the product's two chips.
+const G4: &str = "RCC FLASH GPIOA GPIOB GPIOC GPIOD GPIOE GPIOF TIM1 TIM2 DMA1 DMAMUX ADC1 ADC2 \
+                  ADC12_COMMON OPAMP IWDG CRC USB PWR SYSCFG EXTI CRS DBGMCU";
+
+const CHIPS: [Chip; 3] = [
+    Chip {
+        board: "stm32g431",
+        svd: ["stm32g4", "stm32g431"],
+        metapac: "stm32g431cb",
+        firmware: "stm32g431",
+        peripherals: G4,
+    },
+    Chip {
+        board: "stm32g473",
+        svd: ["stm32g4", "stm32g473"],
+        metapac: "stm32g473ce",
+        firmware: "stm32g431",
+        peripherals: G4,
+    },
+    Chip {
+        board: "stm32f411",
+        svd: ["stm32f4", "stm32f411"],
+        metapac: "stm32f411ce",
+        firmware: "stm32f411",
+        peripherals: "RCC FLASH GPIOA GPIOB GPIOC GPIOD GPIOE GPIOH TIM1 TIM2 DMA2 ADC1 ADC_COMMON \
+                      IWDG CRC OTG_FS_GLOBAL OTG_FS_DEVICE OTG_FS_PWRCLK PWR SYSCFG EXTI DBGMCU",
+    },
+];
+
+/// Packages of a workspace, with their folders.
+type Packages = Vec<(String, PathBuf)>;
+
+/// Folders of the two workspaces that name the crates: the emulator and the boards.
+fn workspaces() -> [PathBuf; 2] {
+    ["host-tools/emulator", "boards"].map(|folder| root().join(folder))
+}
+
+/// Lists the packages of the two workspaces, which cargo downloads if they are not here.
+pub fn sources() -> Result<[Packages; 2]> {
+    let list = |workspace: &Path| {
+        packages(program("cargo", workspace).arg("metadata").args(locked()))
+            .with_context(|| workspace.display().to_string())
+    };
+    let [emulator, boards] = workspaces();
+    Ok([list(&emulator)?, list(&boards)?])
+}
+
+/// Writes the tables; with `check`, fails if one differs and writes nothing.
 pub fn task(check: bool) -> Result<()> {
-    let emulator = root().join("host-tools/emulator");
-    let packages = packages(program("cargo", &emulator).arg("metadata").arg("--locked"))?;
+    let [emulator, boards] = workspaces();
+    let [svds, metapacs] = sources()?;
     let mut text = "board,address,register,reset,fields,writable\n".to_owned();
-    for (board, name, module, peripherals) in CHIPS {
-        let package = packages.iter().find(|(package, _)| package == name);
-        let (_, folder) =
-            package.with_context(|| format!("{}: does not name {name}", emulator.display()))?;
-        for (address, register) in registers(&folder.join("src").join(module), peripherals)? {
-            let Register { names, reset, fields, writable } = register;
+    let mut found = Vec::new();
+    for Chip { board, svd: [svd, module], metapac, firmware, peripherals } in CHIPS {
+        let source = folder(&svds, svd, &emulator)?.join("src").join(module);
+        let registers = svd::registers(&source, peripherals)?;
+        for (address, register) in &registers {
+            let svd::Register { names, reset, fields, writable, .. } = register;
             let names = names.join(" ");
             writeln!(text, "{board},{address:#010x},{names},{reset:#x},{fields:#x},{writable:#x}")?;
         }
+        let source = folder(&metapacs, "stm32-metapac", &boards)?.join("src");
+        let described = metapac::registers(&source, metapac)?;
+        let written = written(&emulator.join(format!("data/faults-{firmware}.csv")))?;
+        found.extend(differences::list(board, &registers, &described, &written));
     }
-    let path = emulator.join("data/registers.csv");
-    if !check {
-        return std::fs::write(&path, text).with_context(|| path.display().to_string());
-    }
-    if std::fs::read_to_string(&path).ok().as_deref() != Some(&text) {
-        bail!("{} differs from its crates; run `cargo xtask registers`", path.display());
-    }
-    Ok(())
-}
-
-/// Registers of a chip by address.
-fn registers(module: &Path, peripherals: &str) -> Result<BTreeMap<u32, Register>> {
-    let types = read(&module.join("mod.rs"))?;
-    let mut found = BTreeMap::new();
-    for peripheral in peripherals.split(' ') {
-        let begin = format!("pub type {peripheral} = crate::Periph<");
-        let line = types.lines().find_map(|line| line.strip_prefix(&begin));
-        let line = line.with_context(|| format!("{}: has no {peripheral}", module.display()))?;
-        let (block, base) = line.split_once("::RegisterBlock, ").context("no address")?;
-        let base = number(base.trim_end_matches(">;"))?;
-        let alias = types.lines().find_map(|line| {
-            line.strip_prefix("pub use self::")?.strip_suffix(&format!(" as {block};"))
-        });
-        let block = module.join(alias.unwrap_or(block));
-        collect(&block, "impl RegisterBlock {", base, peripheral, &mut found)?;
-    }
-    Ok(found)
-}
-
-/// Collects the registers that the accessors in `block`.rs name.
-fn collect(
-    block: &Path,
-    from: &str,
-    base: u32,
-    prefix: &str,
-    found: &mut BTreeMap<u32, Register>,
-) -> Result<()> {
-    let text = read(&block.with_extension("rs"))?;
-    let accessors = text.split_once(from).context("no accessors")?.1;
-    let accessors = accessors.split_once("\n}").context("no end of the accessors")?.0;
-    let (mut offset, mut end) = (None, None);
-    for line in accessors.lines().map(str::trim) {
-        if let Some(place) = line.strip_prefix("///0x") {
-            let stop = place.find(|c: char| !c.is_ascii_hexdigit()).unwrap_or(place.len());
-            offset = Some(u32::from_str_radix(&place[..stop], 16)?);
-            let behind =
-                place[stop..].strip_prefix("..0x").and_then(|place| place.split(' ').next());
-            end = behind.map(|end| u32::from_str_radix(end, 16)).transpose()?;
-        }
-        let Some((name, kind)) =
-            line.strip_prefix("pub const fn ").and_then(|line| line.split_once("(&self"))
-        else {
-            continue;
-        };
-        let (name, offset) = (name.to_uppercase(), offset.context("no offset")?);
-        let places = match kind.strip_prefix(", n: usize") {
-            None => vec![(name, base + offset)],
-            // One accessor may stand for each place of an array; else there is only this one.
-            Some(kind) if accessors.contains(&format!("(&self{kind}")) => continue,
-            Some(_) => {
-                let array = format!("    {}: [", name.to_lowercase());
-                let count = text.split_once(&array).and_then(|(_, rest)| rest.split_once("; "));
-                let count = count.and_then(|(_, rest)| rest.split_once(']'));
-                let count: u32 = count.context("no length of an array")?.0.parse()?;
-                let stride = (end.context("no end of an array")? - offset) / count;
-                (0..count).map(|i| (format!("{name}{i}"), base + offset + i * stride)).collect()
-            }
-        };
-        let kind = kind.rsplit('&').next().unwrap_or_default().trim_end_matches(" {");
-        for (name, address) in places {
-            let file = described(block, &text, &kind.to_lowercase());
-            let description = read(&file)?;
-            let name = format!("{prefix}.{name}");
-            if description.contains("impl crate::RegisterSpec for") {
-                let register = found.entry(address).or_default();
-                add(register, &description).with_context(|| file.display().to_string())?;
-                register.names.push(name);
-            } else {
-                let from = format!("impl {kind} {{");
-                collect(&block.join(kind.to_lowercase()), &from, address, &name, found)?;
-            }
+    let page = root().join("docs/boards/upstream.md");
+    let drawn = differences::drawn(&read(&page)?, &found)
+        .with_context(|| format!("{}: no part `register differences`", page.display()))?;
+    for (path, text) in [
+        (emulator.join("data/registers.csv"), text),
+        (emulator.join("data/register-differences.csv"), differences::csv(&found)),
+        (page, drawn),
+    ] {
+        if !check {
+            std::fs::write(&path, text).with_context(|| path.display().to_string())?;
+        } else if std::fs::read_to_string(&path).ok().as_deref() != Some(&text) {
+            bail!(
+                "{} differs from the chips' descriptions; run `cargo xtask registers`",
+                path.display()
+            );
         }
     }
     Ok(())
 }
 
-/// File that describes a register of a block, whose text may name another one for it.
-fn described(block: &Path, text: &str, kind: &str) -> PathBuf {
-    let uses = || text.lines().filter_map(|line| line.strip_prefix("pub use ")?.strip_suffix(';'));
-    // A register like another one is named after it, perhaps in another peripheral.
-    let same = format!(" as {kind}");
-    if let Some(other) = uses().find_map(|used| used.strip_suffix(&same)) {
-        return block.join(other).with_extension("rs");
-    }
-    let same = format!("::{kind}");
-    let other = uses().find_map(|used| used.strip_prefix("crate::")?.strip_suffix(&same));
-    match other.and_then(|path| path.rsplit_once("::")) {
-        Some((_, other)) => block.with_file_name(other).join(kind).with_extension("rs"),
-        None => block.join(kind).with_extension("rs"),
-    }
+/// Folder of a package in the list of a workspace's.
+fn folder<'a>(packages: &'a [(String, PathBuf)], name: &str, workspace: &Path) -> Result<&'a Path> {
+    let package = packages.iter().find(|(package, _)| package == name);
+    let (_, folder) =
+        package.with_context(|| format!("{}: does not name {name}", workspace.display()))?;
+    Ok(folder)
 }
 
-/// Adds a description of a register; two may share an address.
-fn add(register: &mut Register, description: &str) -> Result<()> {
-    let part = |begin: &str| {
-        let part = description.split_once(begin)?.1;
-        part.split_once("\n}").map(|(part, _)| part)
-    };
-    for (begin, writes) in [("\nimpl R {", false), ("\nimpl W {", true)] {
-        let places = part(begin).unwrap_or_default().lines().filter_map(|line| {
-            let line = line.trim();
-            let place = line.strip_prefix("///Bits ").or_else(|| line.strip_prefix("///Bit "))?;
-            place.split(' ').next()
-        });
-        for place in places {
-            let (low, high) = place.split_once(':').unwrap_or((place, place));
-            let (low, high): (u32, u32) = (low.parse()?, high.parse()?);
-            let bits = u32::MAX >> (31 - high) & u32::MAX << low;
-            register.fields |= bits;
-            register.writable |= if writes { bits } else { 0 };
-        }
-    }
-    if let Some((_, reset)) = description.split_once("const RESET_VALUE: u32 = ") {
-        register.reset = number(reset.split(';').next().unwrap_or_default())?;
-    }
-    Ok(())
+/// Addresses of the registers in a table of faults: those that the image configures.
+fn written(faults: &Path) -> Result<BTreeSet<u32>> {
+    let text = read(faults)?;
+    let addresses = text.lines().skip(1).map(|line| {
+        let address = line.split(',').nth(1).context("no column `address`")?;
+        number(address)
+    });
+    addresses.collect::<Result<_>>().with_context(|| faults.display().to_string())
 }
 
 fn number(text: &str) -> Result<u32> {

@@ -10,7 +10,7 @@ use crate::changes::Changes;
 use crate::pages::Pages;
 use crate::run::{answer, cargo, clean, locked, program, root, run, setup, target};
 use crate::steps::Steps;
-use crate::{cycles, emulator, firmware, fuzz, pages, protocol, python, toolchain};
+use crate::{cycles, emulator, firmware, fuzz, pages, protocol, python, registers, toolchain};
 
 /// Arguments of `cargo xtask test`.
 #[derive(Args)]
@@ -98,7 +98,7 @@ pub fn task(test: &Test, steps: &mut Steps) -> Result<()> {
     steps.side_by_side(
         |steps| {
             if takes(Part::Lint) {
-                lint(takes(Part::Host), steps)?;
+                lint(takes(Part::Host), profile, steps)?;
             }
             if takes(Part::Host) {
                 // Benchmarks take as long to build as a package's tests.
@@ -134,7 +134,7 @@ pub fn task(test: &Test, steps: &mut Steps) -> Result<()> {
             if takes(Part::Target) {
                 images(steps)?;
                 steps.take("lints and build of the emulator", || {
-                    run(program("cargo", &emulator::directory()).args(["fmt", "--check"]))?;
+                    run(program("cargo", &emulator::directory()).args(["fmt", "--all", "--check"]))?;
                     run(linted(emulator::cargo("test")).args(["--no-run", "--tests"]))
                 })?;
             }
@@ -180,7 +180,7 @@ fn quick(all: bool, steps: &mut Steps) -> Result<()> {
 }
 
 /// Checks format and lints; the host's crates only if nothing else compiles them.
-fn lint(compiled: bool, steps: &mut Steps) -> Result<()> {
+fn lint(compiled: bool, profile: Profile, steps: &mut Steps) -> Result<()> {
     steps.take("format", || {
         run(cargo().args(["fmt", "--all", "--check"]))?;
         run(clean("cargo", &root().join("boards")).args(["fmt", "--check"]))
@@ -206,7 +206,7 @@ fn lint(compiled: bool, steps: &mut Steps) -> Result<()> {
         run(command.args(["--", "-D", "warnings"]))
     })?;
     steps.take("parts made from the frame schema", || protocol::task(true))?;
-    steps.take("parts made from tables", || pages::task(&Pages::CHECK))?;
+use crate::{cycles, emulator, firmware, fuzz, pages, protocol, python, registers, toolchain};
     steps.take("fuzz targets compile", fuzz::check)
 }
 

@@ -16,10 +16,14 @@ pub trait Flash {
     /// # Errors
     /// A cache that still holds older contents.
     fn fetch(&mut self, address: u32, size: u32) -> Outcome<(u32, bool)>;
-    /// Programs a word; returns the time for which the core stalls.
-    fn program(&mut self, address: u32, size: u32, value: u32) -> Outcome<Tick>;
+    /// Programs a word at the time `now`.
+    fn program(&mut self, address: u32, size: u32, value: u32, now: Tick) -> Outcome;
+    /// End of the last operation, until which every read of the flash waits.
+    fn busy_until(&self) -> Tick;
 }
 
+/// BSY bit of a controller's SR.
+pub const BSY: u32 = 1 << 16;
 /// LOCK bit of a controller's CR.
 pub const LOCK: u32 = 1 << 31;
 /// Unlock sequence of KEYR.
@@ -30,12 +34,15 @@ const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
 pub struct Lock {
     /// Number of correct keys written so far.
     keys: usize,
+    /// Whether a wrong key keeps CR locked until the next reset.
+    jammed: bool,
 }
 
 impl Lock {
     /// Takes a key written to KEYR; the last one unlocks `cr`.
     pub fn turn(&mut self, key: u32, cr: &mut u32) -> Outcome {
-        if KEYS.get(self.keys) != Some(&key) {
+        if self.jammed || KEYS.get(self.keys) != Some(&key) {
+            self.jammed = true;
             return Err("a wrong key, which locks the flash until the next reset".into());
         }
         self.keys += 1;

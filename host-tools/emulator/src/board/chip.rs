@@ -155,6 +155,10 @@ pub struct Common {
     pub writes: Option<Writes>,
     /// Number of next readings of each converter that the DMA misses.
     withheld: [u32; 2],
+    /// Clocks just enabled: offset of RCC's register, bits, and time.
+    ///
+    /// The next access to any register takes them.
+    pub(super) woken: Option<(u32, u32, Tick)>,
     pub(super) next: Option<(Tick, EventSource)>,
     /// Time up to which everything has happened.
     pub(super) now: Tick,
@@ -180,6 +184,7 @@ impl Common {
             plants: Vec::new(),
             writes: None,
             withheld: [0; 2],
+            woken: None,
             next: None,
             now: 0,
         }
@@ -290,6 +295,22 @@ impl Common {
     pub(super) fn is_accessed(&self, base: u32, bytes: u32) -> bool {
         let blocks = base >> 8..(base + bytes) >> 8;
         self.writes.as_ref().is_some_and(|writes| writes.accessed.range(blocks).next().is_some())
+    }
+
+    /// Fails if the peripheral with this clock enable is accessed right after it.
+    ///
+    /// A peripheral answers two cycles after its clock starts (RM0440 §7.2.17, RM0383 §6.2). Any
+    /// other access to a register lasts as long. Accesses in one block of instructions have the
+    /// same time.
+    pub(super) fn check_wake(&mut self, clock: Option<(u32, u32)>, now: Tick) -> Outcome {
+        match (self.woken.take(), clock) {
+            (Some((register, bits, at)), Some((its, bit)))
+                if (register, at) == (its, now) && bits >> bit & 1 == 1 =>
+            {
+                Err("accessed right after its clock is enabled: read the enable back first".into())
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Returns the pin's name; an error if the pin is not set to analogue.

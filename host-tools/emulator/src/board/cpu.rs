@@ -4,6 +4,7 @@
 //! Time advances by the cost of each block, at the upper end of the cost table's band, and by its
 //! waits for the flash. Register accesses happen at the time at which their block began.
 
+mod alignment;
 mod exceptions;
 mod memory;
 mod start;
@@ -22,7 +23,8 @@ use super::time::{Tick, seconds};
 use crate::block::Unknown;
 use crate::clock::Clock;
 use crate::fetch::{Fetch, Settings};
-use memory::{ROM_ENTRY, Ram};
+use alignment::{Bases, check_bases};
+use memory::{CORE_MEMORY, ROM_ENTRY, Ram};
 
 /// unicorn's numbers for a return from an exception and for a failed fetch.
 ///
@@ -30,6 +32,7 @@ use memory::{ROM_ENTRY, Ram};
 const EXCEPTION_EXIT: u32 = 8;
 const PREFETCH_ABORT: u32 = 3;
 const EXCEPTION_RETURN: u32 = 0xffff_ff00;
+
 /// Reason why unicorn stopped.
 #[derive(Debug)]
 enum Stop {
@@ -50,6 +53,10 @@ enum Stop {
 /// State of the board that unicorn's callbacks can reach.
 struct Inside {
     clock: Clock,
+    /// Bases of the aligned accesses of each block that `clock` knows.
+    bases: Vec<Bases>,
+    /// Bases of the block that control is in, to be checked when control leaves it.
+    on_exit: u16,
     /// Chip; `None` while it accesses memory.
     chip: Option<Box<dyn Chip>>,
     now: Tick,
@@ -99,6 +106,8 @@ impl Board {
         let (map, segments) = (chip.map(), memory::segments(elf)?);
         let inside = Inside {
             clock: Clock::with(Fetch::new(map.accelerator, Settings::default())),
+            bases: Vec::new(),
+            on_exit: 0,
             chip: Some(chip),
             now: 0,
             counted: 0,
@@ -356,8 +365,16 @@ fn enter_block(unicorn: &mut Unicorn<'_, Inside>, start: u64, length: u32) {
     let start = start as u32;
     let inside = unicorn.get_data_mut();
     pay(inside, start);
+    let left = std::mem::take(&mut inside.on_exit);
+    if let Err(why) = check_bases(unicorn, left) {
+        return stop(unicorn, Stop::Fault(why));
+    }
+    let inside = unicorn.get_data_mut();
     let Some(chip) = inside.chip.as_mut() else { return };
     inside.now = inside.now.max(chip.common().stalled);
+    if start < CORE_MEMORY {
+        inside.now = inside.now.max(chip.flash().busy_until());
+    }
     if chip.flash().contents().has_lost_power() {
         return stop(unicorn, Stop::Reset(Cause::Power));
     }
@@ -383,8 +400,15 @@ fn enter_block(unicorn: &mut Unicorn<'_, Inside>, start: u64, length: u32) {
         Some(block) => block,
         None => {
             let code = unicorn.mem_read_as_vec(u64::from(start), length as usize);
-            match unicorn.get_data_mut().clock.learn(start, &code.unwrap_or_default()) {
-                Ok(block) => block,
+            let code = code.unwrap_or_default();
+            let inside = unicorn.get_data_mut();
+            match inside.clock.learn(start, &code) {
+                Ok(block) => {
+                    let learnt = inside.clock.blocks().last();
+                    let bases = learnt.map(|(block, _)| Bases::of(&block.instructions, &code));
+                    inside.bases.push(bases.unwrap_or_default());
+                    block
+                }
                 Err(Unknown { address, code }) => {
                     let why =
                         format!("no model of the instruction {code:#010x} at {address:#010x}");
@@ -394,6 +418,12 @@ fn enter_block(unicorn: &mut Unicorn<'_, Inside>, start: u64, length: u32) {
         }
     };
     let inside = unicorn.get_data_mut();
+    let Bases { on_entry, on_exit } = inside.bases.get(block).copied().unwrap_or_default();
+    if let Err(why) = check_bases(unicorn, on_entry) {
+        return stop(unicorn, Stop::Fault(why));
+    }
+    let inside = unicorn.get_data_mut();
+    inside.on_exit = on_exit;
     inside.clock.enter(block, start, [0; 2]);
     if let Some(block) = inside.clock.current() {
         inside.event |= block.signals;

@@ -3,6 +3,7 @@
 //! The wiring is that of the board's page. Inputs of the ADCs follow the pins with the time
 //! constants of the parts.
 
+use scan_plan::finger::REFERENCE;
 use taxel::scan::{Codes, Midpoints, TaxelCodes};
 use taxel::units::{Code, FullScale};
 
@@ -20,6 +21,8 @@ const AMPLIFIER_S: f64 = 16.0 / (2.0 * std::f64::consts::PI * 7.0e6);
 const TOP: f64 = 4095.0;
 /// Code of the bridges' reference, in the middle of the range.
 const BIAS: f64 = 2048.0;
+/// Impedance of a midpoint in ohms: half bridges of 4 kΩ behind 120 Ω of the multiplexer.
+const MIDPOINT_OHM: f64 = 1_000.0 + 120.0;
 
 /// Wiring of a finger to a board's pins.
 #[derive(Clone, Copy, Debug)]
@@ -129,6 +132,8 @@ pub struct Finger {
     amplified: [Option<usize>; 2],
     /// Voltage on the amplifiers' bias pin, in codes.
     pub bias: f64,
+    /// Impedance of a column in ohms: the resistor between its amplifier and the pin.
+    pub column_ohm: f64,
     begin: Tick,
     sums: Sums,
     /// Events on the pins with their times, if kept.
@@ -164,6 +169,7 @@ impl Finger {
             amplifiers: [Settling::new(AMPLIFIER_S); 2],
             amplified: [None; 2],
             bias: BIAS,
+            column_ohm: REFERENCE.column.pin_ohm,
             begin: 0,
             sums: Sums::default(),
             timing: None,
@@ -312,6 +318,16 @@ impl Finger {
     /// Midpoint on a pin.
     fn midpoint(&self, pin: &str) -> Option<usize> {
         self.wiring?.midpoints.iter().position(|midpoint| *midpoint == pin)
+    }
+
+    /// Impedance in ohms of what drives a pin; the bias has a buffer.
+    pub fn ohm(&self, pin: &str) -> f64 {
+        let is_column = self.wiring.is_some_and(|wiring| wiring.columns.contains(&pin));
+        match self.midpoint(pin) {
+            _ if is_column => self.column_ohm,
+            Some(_) => MIDPOINT_OHM,
+            None => 0.0,
+        }
     }
 
     /// Voltage of a midpoint behind the multiplexer, in codes.

@@ -19,6 +19,7 @@ pub mod gpio;
 pub mod host;
 pub mod iwdg;
 pub mod model;
+pub mod oscillators;
 pub mod registers;
 pub mod script;
 pub mod server;

@@ -14,6 +14,9 @@ pub enum Model {
     /// Product board.
     #[value(name = "stm32g431")]
     G431,
+    /// Product board with the chip's sibling that has more memory.
+    #[value(name = "stm32g473")]
+    G473,
     /// Black Pill board.
     #[value(name = "stm32f411")]
     F411,
@@ -24,6 +27,7 @@ impl Model {
     pub fn chip(self, finger: Finger, host: Host) -> Box<dyn Chip> {
         match self {
             Self::G431 => Box::new(G431::new(finger, host)),
+            Self::G473 => Box::new(G431::g473(finger, host)),
             Self::F411 => Box::new(F411::new(finger, host)),
         }
     }

@@ -4,7 +4,7 @@
 
 use std::collections::HashMap;
 
-/// Table of both chips: board, address, names, reset value, bits of fields, writable bits.
+/// Table of the chips: board, address, names, reset value, bits of fields, writable bits.
 const TABLE: &str = include_str!("../../data/registers.csv");
 
 /// Ends of the names of registers of flags, which are cleared by writing ones or zeros to all bits.
@@ -107,6 +107,14 @@ const MODELLED: &[(&str, &str, u32)] = &[
     ("stm32f411", "DEVICE.DAINTMSK", 0xf_000f),
 ];
 
+/// Board whose chip's models serve this one too: its bits in [`MODELLED`] hold for both.
+fn modelled_as(board: &str) -> &str {
+    match board {
+        "stm32g473" => "stm32g431",
+        other => other,
+    }
+}
+
 /// Register in the table.
 #[derive(Clone, Copy, Debug)]
 pub struct Row {
@@ -156,7 +164,7 @@ pub fn of(board: &str) -> HashMap<u32, Row> {
                 name.ends_with(end)
                     && !name[..name.len() - end.len()].ends_with(char::is_alphanumeric)
             };
-            ["*", board].contains(on) && names.split(' ').any(ends)
+            ["*", modelled_as(board)].contains(on) && names.split(' ').any(ends)
         };
         let modelled = MODELLED.iter().find(named).map_or(u32::MAX, |(.., bits)| *bits);
         Some((address, Row { names, reset, fields, writable, modelled }))
@@ -175,5 +183,9 @@ mod tests {
         assert_eq!((cr5.names, cr5.reset, cr5.fields), ("PWR.CR5", 1 << 8, 1 << 8));
         assert_eq!([0, 1, 1 << 8].map(|value| cr5.reserved_in(value)), [0, 1, 0]);
         assert!(registers.len() > 300 && of("stm32f411").len() > 250);
+        // BKER, of a flash with two banks
+        let flash =
+            ["stm32g431", "stm32g473"].map(|board| of(board)[&0x4002_2014].fields >> 11 & 1);
+        assert_eq!(flash, [0, 1]);
     }
 }

@@ -120,6 +120,12 @@ impl Timer {
         self.origin + Tick::from(count) * self.step()
     }
 
+    /// Count before the next zero: a counter that is already beyond ARR goes on to the top.
+    fn last(&self) -> u32 {
+        let passed = (self.cursor.saturating_sub(self.origin)) / self.step();
+        if passed > Tick::from(self.active.arr) { self.top } else { self.active.arr }
+    }
+
     fn mode(&self, channel: usize) -> u32 {
         let half = self.ccmr[channel / 2] >> (8 * (channel % 2));
         half >> 4 & 7 | half >> 13 & 8
@@ -150,20 +156,23 @@ impl Timer {
         if !self.is_running() {
             return None;
         }
-        let matches = self.active.ccr.iter().filter(|ccr| **ccr <= self.active.arr);
+        let last = self.last();
+        let matches = self.active.ccr.iter().filter(|ccr| **ccr <= last);
         let compare = matches.map(|ccr| self.at_count(*ccr)).filter(|at| *at >= self.cursor).min();
-        let update = self.at_count(self.active.arr) + self.step();
+        let update = self.at_count(last) + self.step();
         Some(compare.map_or(update, |compare| compare.min(update)))
     }
 
     /// Runs the compare match or update at [`Self::next`].
     pub fn advance(&mut self, now: Tick) -> Edges {
         let mut edges = Edges::default();
-        let count = self.count(now);
-        if count > self.active.arr {
-            self.origin = now;
-            self.cursor = now;
-            self.update();
+        let (count, last) = (self.count(now), self.last());
+        if now >= self.at_count(last) + self.step() {
+            (self.origin, self.cursor) = (now, now);
+            // Beyond ARR there is no update, but only the counter's end.
+            if last == self.active.arr {
+                self.update();
+            }
             return edges;
         }
         self.cursor = now + 1;
@@ -251,6 +260,7 @@ impl Timer {
                 // ARPE
                 if self.cr1 & 1 << 7 == 0 {
                     self.active.arr = self.arr;
+                    self.cursor = self.cursor.max(now);
                 }
             }
             0x34..=0x40 => self.compare((offset as usize - 0x34) / 4, value, now),

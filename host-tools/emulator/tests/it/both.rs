@@ -72,9 +72,15 @@ fn stack_overflow_faults_and_is_reported(model: Model) {
     session.run(micros(20_000)).unwrap();
     // The stack is at the start of its memory.
     let low = match model {
-        Model::G431 => 0x1000_0008,
+        Model::G431 | Model::G473 => 0x1000_0008,
         Model::F411 => 0x2000_0008,
     };
+    // In its sleep, so that the next thing on the stack is an interrupt's frame.
+    while {
+        let before = session.board.slept();
+        session.board.run(micros(5)).unwrap();
+        session.board.slept() - before < micros(4)
+    } {}
     session.board.lower_stack(low).unwrap();
     assert_eq!(session.board.run(micros(400_000)).unwrap(), End::Reset(Cause::Software));
     session.reopen().unwrap();
@@ -237,7 +243,7 @@ fn self_test_measures_the_pins(model: Model) {
         panic!()
     };
     let samples = match model {
-        Model::G431 => 8,
+        Model::G431 | Model::G473 => 8,
         Model::F411 => 1,
     };
     assert_eq!((test.scans, test.full_scale.top().0), (200, samples * 4095));
@@ -326,7 +332,7 @@ fn program_starts_anew_after_leaving_the_bootloader(model: Model) {
 
 fn flash_is_accelerated_where_it_has_wait_states(model: Model) {
     let acr = match model {
-        Model::G431 => 0x4002_2000,
+        Model::G431 | Model::G473 => 0x4002_2000,
         Model::F411 => 0x4002_3c00,
     };
     let mut session = session(model, false);
@@ -339,7 +345,7 @@ fn flash_is_accelerated_where_it_has_wait_states(model: Model) {
 fn debugger_freezes_watchdog_scan_and_time(model: Model) {
     // Freeze bits of IWDG and TIM2 on APB1, of TIM1 on APB2.
     let (apb2, tim1) = match model {
-        Model::G431 => (0x10, 1 << 11),
+        Model::G431 | Model::G473 => (0x10, 1 << 11),
         Model::F411 => (0x0c, 1),
     };
     let mut session = session(model, false);
@@ -420,7 +426,7 @@ fn power_cuts(model: Model, each: usize) {
 
 fn power_cut_leaves_old_or_new_calibration(model: Model) {
     let each = match model {
-        Model::G431 => 1,
+        Model::G431 | Model::G473 => 1,
         Model::F411 => 61,
     };
     power_cuts(model, each);

@@ -32,6 +32,8 @@ fn longest_pause(model: Model) -> Tick {
 const ERASURE: Tick = micros(600_000);
 /// Time after a change of the scene: the first fit of a contact takes longest, flood or not.
 const SETTLED: Tick = micros(50_000);
+/// Longest time from the end of a contact that overloads the core to a scan that is not lost.
+const RECOVERED: Tick = micros(500_000);
 /// Bytes that the host keeps ready for the device.
 const READY: usize = 1024;
 
@@ -105,6 +107,20 @@ impl Drop for Broken {
         if !std::thread::panicking() {
             assert!(self.0.is_empty(), "{:#?}", self.0);
         }
+    }
+}
+
+/// Releases the finger and waits until no more scans are lost to the contact before.
+fn recover(session: &mut Session) {
+    session.board.finger().show(load::run(&KINDS[0]));
+    let end = session.board.now() + RECOVERED;
+    loop {
+        session.run(SETTLED).unwrap();
+        let lost = scans(session).lost;
+        if scans(session).lost == lost {
+            return;
+        }
+        assert!(session.board.now() < end, "scans of an untouched finger are lost");
     }
 }
 
@@ -229,8 +245,7 @@ fn floods(model: Model, size: Flood) {
         Response::Health(health) => Command::SetScan(health.scan.unwrap()),
         other => panic!("{other:?}"),
     };
-    session.board.finger().show(load::run(&KINDS[0]));
-    session.run(SETTLED).unwrap();
+    recover(&mut session);
     for command in requests().into_iter().chain([scan]) {
         let before = touched(&mut session);
         (session.silence, session.replies) = (0, Vec::new());

@@ -25,6 +25,7 @@ pub fn repository() -> PathBuf {
 pub fn name(model: Model) -> &'static str {
     match model {
         Model::G431 => "stm32g431",
+        Model::G473 => "stm32g473",
         Model::F411 => "stm32f411",
     }
 }
@@ -32,7 +33,7 @@ pub fn name(model: Model) -> &'static str {
 /// Address of the scan's timer.
 pub fn tim1(model: Model) -> u32 {
     match model {
-        Model::G431 => g431::names::base("TIM1"),
+        Model::G431 | Model::G473 => g431::names::base("TIM1"),
         Model::F411 => f411::registers::base("TIM1"),
     }
 }

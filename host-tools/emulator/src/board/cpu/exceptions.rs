@@ -81,6 +81,11 @@ impl Board {
         let system = &mut self.chip().common_mut().system;
         system.enter(exception);
         let vector = system.vectors() + 4 * exception as u32;
+        if vector < memory::CORE_MEMORY {
+            let busy = self.chip().flash().busy_until();
+            let inside = self.unicorn.get_data_mut();
+            inside.now = inside.now.max(busy);
+        }
         let handler = self.word(vector)?;
         if handler & 1 == 0 || handler >= PRIVATE {
             let why = format!("the vector at {vector:#010x} is {handler:#010x}, which is no code");

@@ -114,7 +114,7 @@ pub fn is_below_ram(map: &Map, address: u32) -> bool {
 /// §2.1).
 const DMA_MEMORY: u32 = 0x2000_0000;
 /// First address behind the flash, from which on only the core reads.
-const CORE_MEMORY: u32 = 0x1000_0000;
+pub const CORE_MEMORY: u32 = 0x1000_0000;
 
 /// unicorn's memory as the DMA accesses it.
 pub struct Ram<'a, 'b>(pub &'a mut Unicorn<'b, Inside>);
@@ -147,6 +147,10 @@ fn read(unicorn: &mut Unicorn<'_, Inside>, address: u32, size: usize) -> u64 {
     let now = time(inside);
     let Some(chip) = inside.chip.as_mut() else { return 0 };
     let value = if address < PERIPHERALS.0 {
+        // The read ends with the operation in progress.
+        let busy = chip.flash().busy_until();
+        let stalled = &mut chip.common_mut().stalled;
+        *stalled = busy.max(*stalled);
         let read = chip.flash().fetch(address, size as u32);
         if matches!(read, Ok((_, true))) {
             chip.common_mut().system.pend(NMI);
@@ -169,8 +173,7 @@ fn write(unicorn: &mut Unicorn<'_, Inside>, address: u32, size: usize, value: u3
     let now = time(inside);
     let Some(chip) = inside.chip.as_mut() else { return };
     let done = if address < PERIPHERALS.0 {
-        let busy = chip.flash().program(address, size as u32, value);
-        busy.map(|busy| chip.common_mut().stalled = now.0 + busy)
+        chip.flash().program(address, size as u32, value, now.0)
     } else {
         let done = chip.write(address, size as u32, value, now);
         let settings = Settings::of(chip.flash().access_control());

@@ -6,6 +6,7 @@ use unicorn_engine::RegisterARM;
 use super::memory::ROM;
 use super::{Board, failed};
 use crate::board::chip::Cause;
+use crate::board::time::{Tick, micros};
 use crate::fetch::Settings;
 
 /// Registers of the core's own peripherals as the ROM's bootloader leaves them.
@@ -13,6 +14,9 @@ use crate::fetch::Settings;
 /// VTOR names the ROM's vectors, and SysTick interrupts every 10 000 cycles.
 const INTERRUPTS_OF_ROM: [(u32, u32); 3] =
     [(0xe000_ed08, ROM.0), (0xe000_e014, 9_999), (0xe000_e010, 7)];
+
+/// Time between the bootloader's writes, in which every oscillator starts.
+const STARTED: Tick = micros(3_000);
 
 impl Board {
     /// Cuts the power and restores it; the RAM loses its contents.
@@ -44,6 +48,7 @@ impl Board {
         let chip = self.chip();
         let registers = chip.left_by_bootloader().iter().chain(&INTERRUPTS_OF_ROM);
         for (address, value) in registers.copied().collect::<Vec<_>>() {
+            self.unicorn.get_data_mut().now += STARTED;
             let now = (self.now(), 0);
             let written = self.chip().write(address, 4, value, now);
             written.map_err(|why| anyhow!("the bootloader: {why}"))?;

@@ -3,9 +3,10 @@
 //! Timers or the program (SWSTART) start its regular sequence, timers its injected one. The injected
 //! one may take one conversion per trigger (JDISCEN), and the regular one has a single conversion
 //! without DMA. The ADC's clock is PCLK2/4, synchronous with the timers. A sample is the voltage at
-//! the end of its sampling time. Noise and settling of the sampling capacitor are not modelled.
+//! the end of its sampling time, which must be long enough for its source. Noise is not modelled.
 
-use crate::board::time::{Tick, micros};
+use crate::board::finger::Source;
+use crate::board::time::{HZ, Tick, micros};
 use crate::board::{Outcome, UNMODELLED};
 
 const SR: u32 = 0x00;
@@ -44,6 +45,13 @@ const LATENCY_CYCLES: u64 = 3;
 /// Cycles of sampling by its code, and of a 12-bit conversion.
 const SAMPLING_CYCLES: [u64; 8] = [3, 15, 28, 56, 84, 112, 144, 480];
 const CONVERSION_CYCLES: u64 = 12;
+
+/// Largest resistance in ohms of the sampling switch, and largest capacitance in farads behind it
+/// (DS10314 table 66).
+const SWITCH_OHM: f64 = 6_000.0;
+const SAMPLING_F: f64 = 7e-12;
+/// Least sampling time of temperature sensor and reference (DS10314 tables 71, 74).
+const INTERNAL: Tick = micros(10);
 
 /// Group of a conversion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -104,15 +112,27 @@ impl Adc {
         }
     }
 
-    fn sampling(&self, group: Group, index: usize) -> Tick {
-        let input = self.input(group, index);
+    /// Least sampling time for a source, which has `ohm` on a pin (DS10314 equation 1).
+    pub fn least_sampling(&self, source: Source, ohm: f64) -> Tick {
+        match source {
+            Source::Temperature | Source::Reference => INTERNAL,
+            Source::Pin(_) | Source::Amplifier(_) => {
+                // To a quarter of a step of 12 bits, and half a cycle.
+                let seconds = (ohm + SWITCH_OHM) * SAMPLING_F * f64::from(1 << 14).ln();
+                (seconds * HZ as f64) as Tick + self.cycle / 2
+            }
+        }
+    }
+
+    /// Sampling time of an input.
+    pub fn sampling(&self, input: u32) -> Tick {
         let register = self.smpr[usize::from(input < 10)];
         let code = register >> (3 * (input % 10)) & 7;
         SAMPLING_CYCLES[code as usize] * self.cycle
     }
 
     fn begin(&mut self, group: Group, index: usize, at: Tick) {
-        let until = at + self.sampling(group, index);
+        let until = at + self.sampling(self.input(group, index));
         self.run = Some(Run { group, index, sample: None, until });
     }
 
@@ -260,6 +280,10 @@ impl Adc {
                     }
                     if self.run.is_some() {
                         return Err("SWSTART during a conversion".into());
+                    }
+                    // As after a trigger.
+                    if self.sr & OVR != 0 {
+                        return Ok(());
                     }
                     self.start(Group::Regular, 0, now)?;
                 }

@@ -13,6 +13,8 @@ use crate::board::{Outcome, UNMODELLED};
 /// them.
 const RESETS: std::ops::RangeInclusive<u32> = 0x10..=0x24;
 const RESET: u32 = 0x20;
+/// RCC's clock enables, AHB1ENR to APB2ENR.
+const ENABLES: std::ops::RangeInclusive<u32> = 0x30..=0x44;
 /// Alternate function of PA11 and PA12 as D− and D+ (DS10314 table 9).
 const OTG: u32 = 10;
 /// Distance between two ports.
@@ -63,7 +65,20 @@ impl F411 {
         }
     }
 
+    /// VOSRDY in PWR's register at `offset`: the voltage follows VOS while the PLL starts.
+    fn voltage_ready(&self, offset: u32, now: Tick) -> u32 {
+        let starts = self.rcc.pll_runs() && !self.rcc.pll_is_ready(now);
+        if offset == 0x04 && !starts { 1 << 14 } else { 0 }
+    }
+
+    /// Fails if the access comes right after the peripheral's clock is enabled.
+    fn check_wake(&mut self, address: u32, now: Tick) -> Outcome {
+        let clock = peripheral(address).and_then(|its| its.clock);
+        self.common.check_wake(clock, now)
+    }
+
     pub(super) fn read_unit(&mut self, address: u32, size: u32, now: (Tick, u32)) -> Outcome<u32> {
+        self.check_wake(address, now.0)?;
         let Some((unit, offset)) = self.awake(address)? else {
             if address >= PRIVATE {
                 return self.common.system.read(address - PRIVATE, size, now.0, now.1);
@@ -72,8 +87,8 @@ impl F411 {
         };
         let word = offset & !3;
         let value = match unit.name {
-            "RCC" => self.rcc.read(word),
-            "FLASH" => self.flash.read(word),
+            "RCC" => self.rcc.read(word, now.0),
+            "FLASH" => self.flash.read(word, now.0),
             "TIM1" => self.common.tim1.read(word, now.0),
             "TIM2" => self.common.tim2.read(word, now.0),
             "IWDG" => self.common.iwdg.read(word),
@@ -82,7 +97,7 @@ impl F411 {
             "ADC1" => self.adc.read(word),
             "ADC_common" => self.kept.adc_common.read(word),
             "OTG_FS" => self.otg.read(word, self.common.host.frame(now.0)),
-            "PWR" => self.kept.pwr.read(word),
+            "PWR" => Ok(self.kept.pwr.read(word)? | self.voltage_ready(word, now.0)),
             "SYSCFG" => self.kept.syscfg.read(word),
             "EXTI" => self.kept.exti.read(word),
             "DBGMCU" => self.kept.dbgmcu.read(word),
@@ -100,6 +115,7 @@ impl F411 {
         (now, cycles): (Tick, u32),
     ) -> Outcome {
         let hclk = self.rcc.hclk();
+        self.check_wake(address, now)?;
         let Some((unit, offset)) = self.awake(address)? else {
             if address >= PRIVATE {
                 let now = (now, cycles);
@@ -117,13 +133,16 @@ impl F411 {
                 if RESETS.contains(&offset) {
                     self.reset_units(offset, value);
                 }
+                if ENABLES.contains(&offset) {
+                    let before = self.rcc.read(offset, now)?;
+                    self.common.woken = Some((offset, value & !before, now));
+                }
                 let scale = self.scale()?;
-                self.rcc.write(offset, value, self.flash.latency(), scale)
+                self.rcc.write(offset, value, (self.flash.latency(), scale), now)
             }
             "FLASH" => {
-                let busy = self.flash.write(offset, value)?;
-                self.common.stalled = now + busy;
-                Ok(())
+                self.flash.write(offset, value, now)?;
+                self.rcc.check_latency(self.flash.latency())
             }
             "TIM1" => self.common.write_tim1(offset, value, now, hclk),
             "TIM2" => self.common.tim2.write(offset, value, now, self.rcc.tim2_clock()),
@@ -140,7 +159,7 @@ impl F411 {
             }
             "ADC_common" => self.kept.adc_common.write(offset, value),
             "OTG_FS" => {
-                self.otg.write(offset, value, self.rcc.usb_clock())?;
+                self.otg.write(offset, value, self.rcc.usb_clock(now))?;
                 let wired = [11, 12].map(|pin| self.common.ports[0].alternate(pin));
                 if self.otg.is_attached() && wired != [Some(OTG); 2] {
                     return Err("connected while PA11 and PA12 are not the OTG core's".into());

@@ -133,7 +133,15 @@ impl Dma {
                             "enabled while flags of the last transfer stand (§9.3.17)".into()
                         );
                     }
+                    let part = (1 << (value >> 11 & 3)) - 1;
+                    if (stream.par | stream.m0ar) & part != 0 {
+                        return Err("enabled with an address that does not fit the size".into());
+                    }
                     (stream.turn, stream.done) = (stream.ndtr, 0);
+                }
+                // A stream that the program stops says that it has ended (§9.3.14).
+                if enabled && value & 1 == 0 {
+                    stream.flags |= COMPLETE;
                 }
                 stream.cr = value;
             }

@@ -1,11 +1,11 @@
 //! Flash of the STM32F411 (RM0383 §3): wait states, sector erase, word programming, power cuts.
 //!
 //! Only the sectors that `memory.x` keeps from the program can be erased and programmed. Firmware
-//! that changes its own code is not modelled. The core stalls while the flash is busy, because it
-//! fetches from there. There is no error correction: cells that a power cut left half done are read
+//! that changes its own code is not modelled. The core stalls while the flash is busy, unless it runs
+//! from another memory. There is no error correction: cells that a power cut left half done are read
 //! as they are.
 
-use crate::board::cells::{Cells, Flash as Changed, FlashContents, LOCK, Lock};
+use crate::board::cells::{BSY, Cells, Flash as Changed, FlashContents, LOCK, Lock};
 use crate::board::time::{Tick, micros};
 use crate::board::{Outcome, UNMODELLED};
 
@@ -52,6 +52,8 @@ pub struct Flash {
     cr: u32,
     sr: u32,
     lock: Lock,
+    /// End of the last operation.
+    busy: Tick,
     /// Whether the data cache may hold contents from before an erasure or a program.
     stale: bool,
 }
@@ -65,6 +67,7 @@ impl Default for Flash {
             cr: LOCK,
             sr: 0,
             lock: Lock::default(),
+            busy: 0,
             stale: false,
         }
     }
@@ -83,10 +86,10 @@ impl Flash {
     }
 
     /// Reads the register at `offset`.
-    pub fn read(&self, offset: u32) -> Outcome<u32> {
+    pub fn read(&self, offset: u32, now: Tick) -> Outcome<u32> {
         Ok(match offset {
             ACR => self.acr,
-            // BSY is never seen, because the core stalls during an operation.
+            SR if now < self.busy => self.sr | BSY,
             SR => self.sr,
             CR => self.cr,
             // Factory value; the firmware does not use brown-out and write protection.
@@ -95,8 +98,8 @@ impl Flash {
         })
     }
 
-    /// Writes the register at `offset`; returns the time for which the core stalls.
-    pub fn write(&mut self, offset: u32, value: u32) -> Outcome<Tick> {
+    /// Writes the register at `offset`.
+    pub fn write(&mut self, offset: u32, value: u32, now: Tick) -> Outcome {
         match offset {
             // LATENCY, PRFTEN, ICEN, DCEN, ICRST, DCRST
             ACR if value & !0x1f0f != 0 => return Err(UNMODELLED.into()),
@@ -107,17 +110,20 @@ impl Flash {
                 self.stale &= value & DCRST == 0;
                 self.acr = value;
             }
+            KEYR | CR if now < self.busy => {
+                return Err("written while the flash is busy (SR.BSY)".into());
+            }
             KEYR => self.lock.turn(value, &mut self.cr)?,
             SR => self.sr &= !value,
-            CR => return self.control(value),
+            CR => return self.control(value, now),
             _ => return Err(UNMODELLED.into()),
         }
-        Ok(0)
+        Ok(())
     }
 
-    fn control(&mut self, value: u32) -> Outcome<Tick> {
+    fn control(&mut self, value: u32, now: Tick) -> Outcome {
         if Lock::holds(self.cr, value)? {
-            return Ok(0);
+            return Ok(());
         }
         // PG, SER, SNB, PSIZE, STRT, LOCK
         if value & !(LOCK | STRT | 0x37b) != 0 {
@@ -125,12 +131,12 @@ impl Flash {
         }
         self.cr = value & !STRT;
         if value & STRT == 0 {
-            return Ok(0);
+            return Ok(());
         }
         if value & (PG | SER) != SER {
             return Err("STRT without SER, or with PG".into());
         }
-        self.erase(value >> 3 & 0xf)
+        self.erase(value >> 3 & 0xf, now)
     }
 
     /// PSIZE: the code of the number of bits at once.
@@ -138,7 +144,7 @@ impl Flash {
         (self.cr >> 8 & 3) as usize
     }
 
-    fn erase(&mut self, number: u32) -> Outcome<Tick> {
+    fn erase(&mut self, number: u32, now: Tick) -> Outcome {
         let sector = (number as usize).checked_sub(1).and_then(|i| SECTORS.get(i)).copied();
         let sector = sector.ok_or_else(|| format!("sector {number}, which holds the program"));
         let (address, bytes, times) = sector?;
@@ -147,10 +153,10 @@ impl Flash {
         let cells = self.contents.bytes(address, bytes)?;
         let before = cells.to_vec();
         cells.fill(0xff);
-        self.stale = true;
+        (self.busy, self.stale) = (now + time, true);
         // A power cut leaves some bits erased and some not.
         self.contents.finish(|cells| half_done(cells, address, &before));
-        Ok(*time)
+        Ok(())
     }
 }
 
@@ -171,6 +177,10 @@ impl Changed for Flash {
         self.acr
     }
 
+    fn busy_until(&self) -> Tick {
+        self.busy
+    }
+
     fn fetch(&mut self, address: u32, size: u32) -> Outcome<(u32, bool)> {
         if self.stale && self.acr & DCEN != 0 {
             return Err("the data cache was not reset after an erasure or a program".into());
@@ -178,7 +188,10 @@ impl Changed for Flash {
         Ok((self.contents.fetch(address, size), false))
     }
 
-    fn program(&mut self, address: u32, size: u32, value: u32) -> Outcome<Tick> {
+    fn program(&mut self, address: u32, size: u32, value: u32, now: Tick) -> Outcome {
+        if now < self.busy {
+            return Err("a write to the flash while it is busy (SR.BSY)".into());
+        }
         if self.cr & PG == 0 {
             return Err("a write to the flash without PG".into());
         }
@@ -189,8 +202,8 @@ impl Changed for Flash {
         let before = cells.to_vec();
         // Programming can only clear bits.
         cells.iter_mut().zip(value.to_le_bytes()).for_each(|(cell, byte)| *cell &= byte);
-        self.stale = true;
+        (self.busy, self.stale) = (now + PROGRAM, true);
         self.contents.finish(|cells| half_done(cells, address, &before));
-        Ok(PROGRAM)
+        Ok(())
     }
 }

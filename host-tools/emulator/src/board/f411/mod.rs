@@ -15,7 +15,7 @@ use super::finger::{Finger, Moment, Source, Wiring};
 use super::host::Host;
 use super::stored::StoredRegisters;
 use super::system;
-use super::time::Tick;
+use super::time::{self, Tick};
 use crate::fetch;
 use adc::Adc;
 use dma::Dma;
@@ -94,7 +94,7 @@ const INTERNAL: u32 = 1 << 23;
 
 /// Registers that store their values and have no other effect.
 struct Kept {
-    /// CR, CSR: the voltage regulator is always ready (VOSRDY).
+    /// CR, CSR without VOSRDY.
     pwr: StoredRegisters,
     syscfg: StoredRegisters,
     exti: StoredRegisters,
@@ -106,7 +106,7 @@ struct Kept {
 impl Default for Kept {
     fn default() -> Self {
         Self {
-            pwr: StoredRegisters::new(&[(0x00, 0x8000), (0x04, 0x4000)]),
+            pwr: StoredRegisters::new(&[(0x00, 0x8000), (0x04, 0)]),
             syscfg: StoredRegisters::new(&[(0x08, 0), (0x0c, 0), (0x10, 0), (0x14, 0)]),
             exti: StoredRegisters::new(&[(0x00, 0), (0x08, 0), (0x0c, 0)]),
             dbgmcu: StoredRegisters::new(&[(0x00, 0x1000_6431), (0x04, 0), (0x08, 0), (0x0c, 0)]),
@@ -170,6 +170,9 @@ impl F411 {
     fn adc_moment(&mut self, now: Tick, memory: &mut dyn Memory) -> Outcome<bool> {
         let sampled = self.adc.sampled(now);
         let source = sampled.map(|input| self.source(input)).transpose();
+        if let (Some(input), Ok(Some(source))) = (sampled, &source) {
+            self.check_sampling(input, *source).map_err(|why| format!("ADC1: {why}"))?;
+        }
         let finger = &mut self.common.finger;
         if sampled.is_none() {
             finger.note(now, Moment::Result(0));
@@ -183,6 +186,15 @@ impl F411 {
             self.serve(FROM_ADC, now, memory)?;
         }
         Ok(asks || self.adc.interrupt())
+    }
+
+    /// Fails if an input is sampled for a shorter time than its source needs.
+    fn check_sampling(&self, input: u32, source: Source) -> Outcome {
+        let ohm = match source {
+            Source::Pin(pin) => self.common.finger.ohm(pin),
+            _ => 0.0,
+        };
+        time::check_sampling(input, self.adc.sampling(input), self.adc.least_sampling(source, ohm))
     }
 
     /// Source of an ADC input.

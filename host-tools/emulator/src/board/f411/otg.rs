@@ -6,6 +6,8 @@
 //! not, because embassy's driver relies on that.
 
 mod bus;
+#[cfg(test)]
+mod tests;
 
 use std::collections::VecDeque;
 

@@ -1,10 +1,11 @@
 //! Clocks and resets of the STM32F411 (RM0383 §6).
 //!
-//! Oscillators are ready as soon as they are on. Changes of the system clock are checked against
-//! the flash's wait states and the voltage scale.
+//! Oscillators are ready after their start-up time. Changes of the system clock are checked
+//! against the flash's wait states and the voltage scale.
 
 use crate::board::chip::Cause;
-use crate::board::time::{self, Tick};
+use crate::board::oscillators::{Oscillator, Oscillators};
+use crate::board::time::{self, Tick, micros, nanos};
 use crate::board::{Outcome, UNMODELLED};
 
 const CR: u32 = 0x00;
@@ -23,9 +24,21 @@ const FASTEST_APB1: u64 = 50_000_000;
 /// Hertz per wait state at 2.7 V to 3.6 V (RM0383 table 6).
 const WAIT_STATE_HZ: u64 = 30_000_000;
 
+/// Oscillators with their typical start-up times, and the PLL with its longest (DS10314 tables 38 to 42).
+const OSCILLATORS: [Oscillator; 4] = [
+    Oscillator { register: CR, on: 0, ready: 1, start: nanos(2_200) },
+    Oscillator { register: CR, on: 16, ready: 17, start: micros(2_000) },
+    Oscillator { register: CR, on: 24, ready: 25, start: micros(300) },
+    Oscillator { register: CSR, on: 0, ready: 1, start: micros(15) },
+];
+const HSI: usize = 0;
+const HSE: usize = 1;
+const PLL: usize = 2;
+
 /// Reset and clock control.
 pub struct Rcc {
     registers: [u32; 0x90 / 4],
+    oscillators: Oscillators,
     hclk: Tick,
     /// Cycles of HCLK per cycle of APB1.
     apb1: u64,
@@ -55,7 +68,8 @@ impl Rcc {
             Cause::Watchdog => 1 << 29,
         };
         registers[CSR as usize / 4] = csr | 1 << 26 | cause;
-        Self { registers, hclk: time::HZ / HSI_HZ, apb1: 1 }
+        let oscillators = Oscillators::new(&OSCILLATORS, HSI);
+        Self { registers, oscillators, hclk: time::HZ / HSI_HZ, apb1: 1 }
     }
 
     fn register(&self, offset: u32) -> u32 {
@@ -67,21 +81,31 @@ impl Rcc {
         self.hclk
     }
 
+    /// Fails if the flash has too few wait states for the present clock.
+    pub fn check_latency(&self, latency: u32) -> Outcome {
+        check_latency(time::HZ / self.hclk, latency)
+    }
+
     /// Period of TIM2's clock: half of APB1's if that bus is slower (TIMPRE is not set).
     pub fn tim2_clock(&self) -> Tick {
         if self.apb1 == 1 { self.hclk } else { self.hclk * self.apb1 / 2 }
     }
 
     /// Whether the USB has its 48 MHz from the PLL's Q output.
-    pub fn usb_clock(&self) -> bool {
+    pub fn usb_clock(&self, now: Tick) -> bool {
         let divider = u64::from(self.register(PLLCFGR) >> 24 & 0xf);
-        self.register(CR) >> 25 & 1 == 1
-            && self.oscillator().is_ok_and(|vco| vco == 48_000_000 * divider)
+        self.oscillators.is_ready(PLL, now)
+            && self.oscillator(now).is_ok_and(|vco| vco == 48_000_000 * divider)
     }
 
     /// Whether the PLL is on.
     pub fn pll_runs(&self) -> bool {
-        self.register(CR) >> 24 & 1 == 1
+        self.oscillators.is_on(PLL)
+    }
+
+    /// Whether the PLL is on and has locked.
+    pub fn pll_is_ready(&self, now: Tick) -> bool {
+        self.oscillators.is_ready(PLL, now)
     }
 
     /// Whether a peripheral's clock is on.
@@ -98,14 +122,21 @@ impl Rcc {
     }
 
     /// Reads the register at `offset`.
-    pub fn read(&self, offset: u32) -> Outcome<u32> {
-        self.registers.get(offset as usize / 4).copied().ok_or_else(|| UNMODELLED.into())
+    pub fn read(&self, offset: u32, now: Tick) -> Outcome<u32> {
+        let value = self.registers.get(offset as usize / 4).ok_or(UNMODELLED)?;
+        Ok(self.oscillators.read(offset, *value, now))
     }
 
     /// Writes the register at `offset`.
     ///
-    /// `latency` are the flash's wait states, `scale` is the voltage scale, 1 to 3.
-    pub fn write(&mut self, offset: u32, value: u32, latency: u32, scale: u32) -> Outcome {
+    /// `latency` are the flash's wait states, `scale` is the voltage scale, 1 to 3, and `now` the time.
+    pub fn write(
+        &mut self,
+        offset: u32,
+        value: u32,
+        (latency, scale): (u32, u32),
+        now: Tick,
+    ) -> Outcome {
         let pll_runs = self.pll_runs();
         let sws = self.register(CFGR) >> 2 & 3;
         let place = self.registers.get_mut(offset as usize / 4).ok_or(UNMODELLED)?;
@@ -118,19 +149,23 @@ impl Rcc {
                 if stopped.iter().any(|(clock, bit)| sws == *clock && on >> bit & 1 == 0) {
                     return Err("the system clock's source is switched off".into());
                 }
-                // An oscillator that is on is ready, its next bit.
-                *place = value & 0xf8 | on | on << 1 | *place & 0xff00;
+                *place = value & 0xf8 | on | *place & 0xff00;
+                self.oscillators.write(CR, value, now);
+                // The PLL needs its source when it starts.
+                if on >> 24 & 1 == 1 && !pll_runs {
+                    self.oscillator(now)?;
+                }
             }
             PLLCFGR if pll_runs => return Err("the PLL is running while it is set up".into()),
             CFGR => {
                 *place = value & !0xc | (value & 3) << 2;
-                return self.switch(latency, scale);
+                return self.switch(latency, scale, now);
             }
             CSR => {
                 // RMVF; LSION, LSIRDY
                 let flags = if value >> 24 & 1 == 1 { 0 } else { *place & 0xfe00_0000 };
-                let on = value & 1;
-                *place = flags | on << 1 | on;
+                *place = flags | value & 1;
+                self.oscillators.write(CSR, value, now);
             }
             BDCR if value & 5 != 0 => {
                 return Err("a crystal of 32 kHz, which is not modelled".into());
@@ -145,11 +180,11 @@ impl Rcc {
     }
 
     /// Switches to the system clock that CFGR and PLLCFGR select.
-    fn switch(&mut self, latency: u32, scale: u32) -> Outcome {
-        let (cr, cfgr) = (self.register(CR), self.register(CFGR));
+    fn switch(&mut self, latency: u32, scale: u32, now: Tick) -> Outcome {
+        let cfgr = self.register(CFGR);
         let sysclk = match cfgr & 3 {
-            0 if cr >> 1 & 1 == 1 => HSI_HZ,
-            2 if cr >> 25 & 1 == 1 => self.pll()?,
+            0 if self.oscillators.is_ready(HSI, now) => HSI_HZ,
+            2 if self.oscillators.is_ready(PLL, now) => self.pll(now)?,
             other => {
                 return Err(format!("system clock {other}, which is not ready or not modelled"));
             }
@@ -177,10 +212,7 @@ impl Rcc {
                 "{hclk} Hz, above the {fastest} of voltage scale {scale} (PWR.CR.VOS)"
             ));
         }
-        let needed = (hclk - 1) / WAIT_STATE_HZ;
-        if u64::from(latency) < needed {
-            return Err(format!("{hclk} Hz needs {needed} wait states, {latency} are set"));
-        }
+        check_latency(hclk, latency)?;
         self.hclk = time::period(hclk).ok_or_else(|| {
             format!("{hclk} Hz, which is not modelled: its period is no whole number of ticks")
         })?;
@@ -188,18 +220,17 @@ impl Rcc {
     }
 
     /// Frequency of the PLL's oscillator in hertz.
-    fn oscillator(&self) -> Outcome<u64> {
-        let (raw, cr) = (self.register(PLLCFGR), self.register(CR));
-        let source = match raw >> 22 & 1 {
-            1 if cr >> 17 & 1 == 1 => HSE_HZ,
-            1 => return Err("the PLL's source is a crystal that is off".into()),
-            _ => HSI_HZ,
-        };
+    fn oscillator(&self, now: Tick) -> Outcome<u64> {
+        let raw = self.register(PLLCFGR);
+        let (source, hz) = if raw >> 22 & 1 == 1 { (HSE, HSE_HZ) } else { (HSI, HSI_HZ) };
+        if !self.oscillators.is_ready(source, now) {
+            return Err("the PLL's source is off or not ready (HSERDY, HSIRDY)".into());
+        }
         let (m, n) = (u64::from(raw & 0x3f), u64::from(raw >> 6 & 0x1ff));
         if m < 2 || !(50..=432).contains(&n) {
             return Err(format!("PLL with M = {m}, N = {n}: out of range"));
         }
-        let (input, vco) = (source / m, source / m * n);
+        let (input, vco) = (hz / m, hz / m * n);
         // DS10314 table 42.
         if !(950_000..=2_100_000).contains(&input) || !(100_000_000..=432_000_000).contains(&vco) {
             return Err(format!(
@@ -210,7 +241,16 @@ impl Rcc {
     }
 
     /// Frequency of the PLL's P output in hertz.
-    fn pll(&self) -> Outcome<u64> {
-        Ok(self.oscillator()? / (2 * (u64::from(self.register(PLLCFGR) >> 16 & 3) + 1)))
+    fn pll(&self, now: Tick) -> Outcome<u64> {
+        Ok(self.oscillator(now)? / (2 * (u64::from(self.register(PLLCFGR) >> 16 & 3) + 1)))
     }
+}
+
+/// Fails if the flash has too few wait states for a core at `hclk` hertz.
+fn check_latency(hclk: u64, latency: u32) -> Outcome {
+    let needed = (hclk - 1) / WAIT_STATE_HZ;
+    if u64::from(latency) < needed {
+        return Err(format!("{hclk} Hz needs {needed} wait states, {latency} are set"));
+    }
+    Ok(())
 }

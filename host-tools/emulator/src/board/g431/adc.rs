@@ -2,7 +2,7 @@
 //!
 //! It has calibration, a regular and an injected group started by timers, oversampling of the
 //! regular group, and overrun. The clock is HCLK/4, synchronous with the timers. A sample is the
-//! voltage at the end of its sampling time. Noise and settling of the sampling capacitor are not
+//! voltage at the end of its sampling time, which must be long enough for its source. Noise is not
 //! modelled.
 
 use stm32_metapac::adc::regs::{Cfgr2, Cr};
@@ -26,6 +26,7 @@ const JSQR: u32 = 0x4c;
 const JDR1: u32 = 0x80;
 const JDR4: u32 = 0x8c;
 
+const OVR: u32 = 1 << 4;
 const ADSTP: u32 = 1 << 4;
 const JADSTP: u32 = 1 << 5;
 
@@ -33,6 +34,8 @@ const JADSTP: u32 = 1 << 5;
 /// (DS12589 table 66).
 const REGULATOR_US: u64 = 20;
 const CALIBRATION_CYCLES: u64 = 116;
+/// Cycles between the end of a calibration and ADEN (RM0440 §21.4.8).
+const CALIBRATED_CYCLES: u64 = 4;
 const LATENCY_EIGHTHS: u64 = 17;
 /// Half cycles of sampling by its code, and of a 12-bit conversion.
 const SAMPLING_HALVES: [u64; 8] = [5, 13, 25, 49, 95, 185, 495, 1281];
@@ -87,7 +90,8 @@ pub struct Adc {
     regulator_since: Tick,
     /// End of the calibration or the start-up.
     busy: Option<Tick>,
-    calibrated: bool,
+    /// End of the last calibration.
+    calibrated: Option<Tick>,
     ready: bool,
     /// Period of the ADC's clock.
     cycle: Tick,
@@ -114,7 +118,7 @@ impl Adc {
             injected: None,
             regulator_since: 0,
             busy: None,
-            calibrated: false,
+            calibrated: None,
             ready: false,
             cycle: 1,
             triggers: triggers.iter().filter_map(trigger).collect(),
@@ -141,7 +145,8 @@ impl Adc {
         }
     }
 
-    fn sampling(&self, input: u32) -> Tick {
+    /// Sampling time of an input.
+    pub fn sampling(&self, input: u32) -> Tick {
         // Inputs from 19 on do not exist; the sample itself stops the machine.
         let smpr = self.smpr.get(input as usize / 10).copied().unwrap_or_default();
         let code = smpr >> (3 * (input % 10)) & 7;
@@ -180,12 +185,15 @@ impl Adc {
             if self.regular.is_some() || self.injected.is_some() {
                 return Err(format!("{source} during a conversion"));
             }
-            let start = now + self.cycle * LATENCY_EIGHTHS / 8;
-            let until = start + self.sampling(self.input(group, 0));
-            *self.run(group) = Some(Run { index: 0, samples: 0, sum: 0, sampling: true, until });
+            self.begin(group, now + self.cycle * LATENCY_EIGHTHS / 8);
             starts = true;
         }
         Ok(starts)
+    }
+
+    fn begin(&mut self, group: Group, start: Tick) {
+        let until = start + self.sampling(self.input(group, 0));
+        *self.run(group) = Some(Run { index: 0, samples: 0, sum: 0, sampling: true, until });
     }
 
     /// Input that is sampled at `now`, if any.
@@ -212,7 +220,7 @@ impl Adc {
             if cr.adcal() {
                 cr.set_adcal(false);
                 self.cr = cr.0;
-                self.calibrated = true;
+                self.calibrated = Some(now);
             } else {
                 self.isr |= 1;
                 self.ready = true;
@@ -251,6 +259,12 @@ impl Adc {
             Run { index: index + 1, samples: 0, sum: 0, sampling: true, until }
         });
         let ended = u32::from(self.run(group).is_none());
+        // A group that the program has started stops at its end.
+        match group {
+            Group::Regular if ended == 1 && self.cfgr >> 10 & 3 == 0 => self.cr &= !(1 << 2),
+            Group::Injected if ended == 1 && self.jsqr >> 7 & 3 == 0 => self.cr &= !(1 << 3),
+            _ => {}
+        }
         match group {
             Group::Injected => {
                 self.jdr[index] = sum;
@@ -259,13 +273,14 @@ impl Adc {
             }
             // Overrun: the last result was not read. No more are delivered (§21.4.27).
             Group::Regular if self.isr >> 2 & 1 == 1 => {
-                self.isr |= 1 << 4;
+                self.isr |= OVR;
                 Ok(false)
             }
             Group::Regular => {
                 self.dr = sum >> (self.cfgr2 >> 5 & 0xf);
                 self.isr |= 1 << 2 | ended << 3;
-                Ok(self.cfgr & 1 == 1)
+                // An overrun that stands holds the DMA's requests back (§21.4.27).
+                Ok(self.cfgr & 1 == 1 && self.isr & OVR == 0)
             }
         }
     }
@@ -332,7 +347,8 @@ impl Adc {
             self.busy = Some(now + CALIBRATION_CYCLES * cycle);
         }
         if cr.aden() && !before.aden() {
-            if !regulated || before.adcal() || !self.calibrated {
+            let calibrated = self.calibrated.map(|end| end + CALIBRATED_CYCLES * cycle);
+            if !regulated || before.adcal() || calibrated.is_none_or(|from| now < from) {
                 return Err("enabled before regulator and calibration are done".into());
             }
             self.busy = Some(now + self.halves(STABILISATION_HALVES));
@@ -362,6 +378,17 @@ impl Adc {
             cr.set_jadstart(true);
         }
         self.cr = cr.0;
+        let software = [
+            (Group::Regular, cr.adstart() && !before.adstart(), self.cfgr >> 10 & 3),
+            (Group::Injected, cr.jadstart() && !before.jadstart(), self.jsqr >> 7 & 3),
+        ];
+        for (group, _, _) in software.into_iter().filter(|(_, starts, edge)| *starts && *edge == 0)
+        {
+            if self.is_converting() {
+                return Err("started by the program during a conversion".into());
+            }
+            self.begin(group, now);
+        }
         Ok(())
     }
 }

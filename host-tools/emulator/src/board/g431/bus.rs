@@ -1,8 +1,8 @@
 //! Bus of the STM32G431: passes register accesses to the peripherals.
 
 use super::{
-    ADCS, Adc, Bit, Dma, G431, MODES, PWR_CR5, Place, RESETS, Unit, Usb, adc_common, opamp,
-    stored_registers,
+    ADCS, Adc, Bit, Dma, ENABLES, G431, MODES, PWR_CR5, Place, RESETS, Unit, Usb, adc_common,
+    opamp, stored_registers,
 };
 use crate::board::chip::PRIVATE;
 use crate::board::crc::Crc;
@@ -88,7 +88,15 @@ impl G431 {
         }
     }
 
+    /// Fails if the access comes right after the peripheral's clock is enabled.
+    fn check_wake(&mut self, address: u32, now: Tick) -> Outcome {
+        let enable = self.unit(address).and_then(|(place, _)| place.enable.as_ref());
+        let clock = enable.map(|enable| (enable.register, enable.place));
+        self.common.check_wake(clock, now)
+    }
+
     pub(super) fn read_unit(&mut self, address: u32, size: u32, now: (Tick, u32)) -> Outcome<u32> {
+        self.check_wake(address, now.0)?;
         let Some((unit, offset)) = self.awake(address)? else {
             if address >= PRIVATE {
                 return self.common.system.read(address - PRIVATE, size, now.0, now.1);
@@ -97,8 +105,8 @@ impl G431 {
         };
         let word = offset & !3;
         let value = match unit {
-            Unit::Rcc => self.rcc.read(word),
-            Unit::Flash => self.flash.read(word),
+            Unit::Rcc => self.rcc.read(word, now.0),
+            Unit::Flash => self.flash.read(word, now.0),
             Unit::Gpio(i) => self.common.ports[i].read(word),
             Unit::Tim1 => self.common.tim1.read(word, now.0),
             Unit::Tim2 => self.common.tim2.read(word, now.0),
@@ -124,6 +132,7 @@ impl G431 {
         (now, cycles): (Tick, u32),
     ) -> Outcome {
         let hclk = self.rcc.hclk();
+        self.check_wake(address, now)?;
         let Some((unit, offset)) = self.awake(address)? else {
             if address >= PRIVATE {
                 return self.common.system.write(
@@ -146,13 +155,16 @@ impl G431 {
                 if RESETS.contains(&offset) {
                     self.reset_units(offset, value);
                 }
-                self.rcc.write(offset, value, self.flash.latency())?;
+                if ENABLES.contains(&offset) {
+                    let before = self.rcc.read(offset, now)?;
+                    self.common.woken = Some((offset, value & !before, now));
+                }
+                self.rcc.write(offset, value, self.flash.latency(), now)?;
                 self.check_voltage()
             }
             Unit::Flash => {
-                let busy = self.flash.write(offset, value)?;
-                self.common.stalled = now + busy;
-                Ok(())
+                self.flash.write(offset, value, now)?;
+                self.rcc.check_latency(self.flash.latency())
             }
             Unit::Gpio(i) => self.common.write_port(i, offset, value, now),
             Unit::Tim1 => self.common.write_tim1(offset, value, now, hclk),
@@ -170,11 +182,19 @@ impl G431 {
                 self.adc[i].write(offset, value, now, 4 * hclk)
             }
             Unit::AdcCommon => self.adc_common.write(offset, value),
-            Unit::Opamp(i) => self.opamp[i].write(offset, value),
+            Unit::Opamp(i) => {
+                // OPAEN
+                if offset == 0 && self.opamp[i].read(0)? & 1 == 0 && value & 1 == 1 {
+                    self.opamp_on[i] = now;
+                }
+                self.opamp[i].write(offset, value)?;
+                self.turn_amplifiers(now);
+                Ok(())
+            }
             Unit::Iwdg => self.common.iwdg.write(offset, value, now),
             Unit::Crc => self.common.crc.write(offset, value),
             Unit::Usb => {
-                self.usb.write(offset, value, self.rcc.usb_clock())?;
+                self.usb.write(offset, value, self.rcc.usb_clock(now), now)?;
                 if self.usb.is_attached() && !self.is_trimmed() {
                     return Err("connected while HSI48 does not follow the host (CRS)".into());
                 }

@@ -11,9 +11,12 @@ pub const CHANNELS: usize = 6;
 /// Number of the multiplexer's channels, with DMA2's.
 const MULTIPLEXED: usize = 12;
 
-/// Flags of a channel in ISR.
+/// Flags of a channel in ISR; the first is set while one of the others is.
+const ANY: u32 = 1;
 const COMPLETE: u32 = 2;
 const HALF: u32 = 4;
+/// Bits of CCR that may change while the channel is enabled: EN and the interrupts' enables.
+const FREE: u32 = 0xf;
 
 #[derive(Clone, Copy, Default)]
 struct Channel {
@@ -30,6 +33,7 @@ struct Channel {
 #[derive(Default)]
 pub struct Dma {
     channels: [Channel; CHANNELS],
+    /// Flags of ISR without [`ANY`].
     isr: u32,
     requests: [u32; MULTIPLEXED],
 }
@@ -79,7 +83,7 @@ impl Dma {
             }
         }
         if flags != 0 {
-            self.isr |= (flags | 1) << (4 * index);
+            self.isr |= flags << (4 * index);
         }
         Ok(Some(transfer))
     }
@@ -87,7 +91,8 @@ impl Dma {
     /// Reads DMA1's register at `offset`.
     pub fn read(&self, offset: u32) -> Outcome<u32> {
         if offset == 0 {
-            return Ok(self.isr);
+            let set = (0..CHANNELS).filter(|i| self.isr >> (4 * i) & 0xe != 0);
+            return Ok(set.fold(self.isr, |isr, i| isr | ANY << (4 * i)));
         }
         let (channel, register) = place(offset).ok_or(UNMODELLED)?;
         let channel = &self.channels[channel];
@@ -97,7 +102,9 @@ impl Dma {
     /// Writes the register at `offset`.
     pub fn write(&mut self, offset: u32, value: u32) -> Outcome {
         if offset == 4 {
-            self.isr &= !value;
+            // Clearing the first flag of a channel clears the others.
+            let all = (0..CHANNELS).filter(|i| value >> (4 * i) & ANY == 1);
+            self.isr &= !all.fold(value, |value, i| value | 0xf << (4 * i));
             return Ok(());
         }
         let (index, register) = place(offset).ok_or(UNMODELLED)?;
@@ -108,7 +115,14 @@ impl Dma {
         }
         match register {
             0 => {
+                if enabled && value & 1 == 1 && (value ^ channel.ccr) & !FREE != 0 {
+                    return Err("written while the channel is enabled".into());
+                }
                 if !enabled && value & 1 == 1 {
+                    let part = (1 << (value >> 8 & 3)) - 1;
+                    if (channel.cpar | channel.cmar) & part != 0 {
+                        return Err("enabled with an address that does not fit the size".into());
+                    }
                     (channel.turn, channel.done) = (channel.cndtr, 0);
                 }
                 channel.ccr = value;

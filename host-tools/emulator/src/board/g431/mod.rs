@@ -1,4 +1,6 @@
 //! STM32G431CB (RM0440, DS12589): its peripherals, its bus, and the wires between them.
+//!
+//! The STM32G473CE (DS12712) is the same chip with other memories: its map and its flash.
 
 mod adc;
 mod bus;
@@ -6,6 +8,7 @@ mod dma;
 mod flash;
 pub mod names;
 mod rcc;
+mod sampling;
 mod usb;
 mod wires;
 
@@ -18,7 +21,7 @@ use super::finger::{Finger, Moment, Source, Wiring};
 use super::host::Host;
 use super::stored::StoredRegisters;
 use super::system;
-use super::time::Tick;
+use super::time::{self, Tick};
 use crate::fetch;
 use adc::Adc;
 use dma::Dma;
@@ -38,14 +41,25 @@ const WIRING: Wiring = Wiring {
     bias: Some("PA5"),
 };
 
-/// Memory map (DS12589 §4): the CCM SRAM at its first address, and RAM.
+/// Memory map (DS12589 §4): SRAM1 and SRAM2, and the CCM SRAM at its first address.
+///
+/// The CCM SRAM's second address, behind SRAM2, is left out: what runs over the end of the RAM stops
+/// there instead of overwriting the stack.
 const MAP: Map = Map {
     flash: flash::ALL,
     accelerator: fetch::G4,
     data: flash::DATA,
-    ram: &[(0x2000_0000, 0x6000), (0x1000_0000, 0x3000)],
+    ram: &[(0x2000_0000, 0x5800), (0x1000_0000, 0x2800)],
     factory: (0x1fff_7000, 0x1000),
     unique_id: 0x1fff_7590,
+};
+
+/// Memory map of the STM32G473CE (DS12712 §4): as above, with SRAM1 and SRAM2 as one.
+const G473: Map = Map {
+    flash: (0x0800_0000, 0x8_0000),
+    data: (0x0807_d000, 0x3000),
+    ram: &[(0x2000_0000, 0x1_8000), (0x1000_0000, 0x8000)],
+    ..MAP
 };
 
 const PORTS: [&str; 6] = ["GPIOA", "GPIOB", "GPIOC", "GPIOD", "GPIOE", "GPIOF"];
@@ -56,6 +70,8 @@ const CHANNELS: usize = 6;
 const ADCS: [&str; 2] = ["ADC1", "ADC2"];
 /// Amplifiers with an internal connection to ADC2, and its inputs for them (RM0440 table 162).
 const OPAMPS: [(&str, u32); 2] = [("OPAMP2", 16), ("OPAMP3", 18)];
+/// Wake-up time of an amplifier (DS12589 table 88, largest).
+const WAKE_UP: Tick = time::micros(6);
 /// Inputs of ADC1 for the temperature sensor and the reference.
 const TEMPERATURE: u32 = 16;
 const REFERENCE: u32 = 18;
@@ -72,6 +88,8 @@ const LEFT_BY_BOOTLOADER: [(u32, u32); 6] = [
 ];
 /// RCC's reset registers, AHB1RSTR to APB2RSTR.
 const RESETS: std::ops::RangeInclusive<u32> = 0x28..=0x40;
+/// RCC's clock enables, AHB1ENR to APB2ENR.
+const ENABLES: std::ops::RangeInclusive<u32> = 0x48..=0x60;
 const PWR_CR5: u32 = 0x80;
 
 /// Modelled peripheral.
@@ -124,6 +142,7 @@ struct Requests {
 
 /// STM32G431 with its peripherals.
 pub struct G431 {
+    map: Map,
     common: Common,
     names: Names,
     units: Vec<Place>,
@@ -137,6 +156,8 @@ pub struct G431 {
     adc: [Adc; 2],
     adc_common: StoredRegisters,
     opamp: [StoredRegisters; 2],
+    /// Times from which the amplifiers have been on.
+    opamp_on: [Tick; 2],
     usb: Usb,
     stored: Vec<(&'static str, StoredRegisters)>,
 }
@@ -194,8 +215,17 @@ fn opamp() -> StoredRegisters {
 
 impl G431 {
     /// Chip after power-up.
-    pub fn new(mut finger: Finger, host: Host) -> Self {
-        finger.wire(WIRING);
+    pub fn new(finger: Finger, host: Host) -> Self {
+        Self::with(MAP, WIRING, finger, host)
+    }
+
+    /// STM32G473 after power-up, on the same board.
+    pub fn g473(finger: Finger, host: Host) -> Self {
+        Self::with(G473, Wiring { board: "stm32g473", ..WIRING }, finger, host)
+    }
+
+    fn with(map: Map, wiring: Wiring, mut finger: Finger, host: Host) -> Self {
+        finger.wire(wiring);
         let names = Names::default();
         let stored = stored_registers();
         let mut units: Vec<(&str, Unit)> = vec![
@@ -218,6 +248,7 @@ impl G431 {
         let mut units: Vec<Place> = units.into_iter().map(Place::new).collect();
         units.sort_by_key(|place| place.base);
         Self {
+            map,
             common: Common::new(finger, host, &MODES, CHANNELS),
             names,
             units,
@@ -233,11 +264,12 @@ impl G431 {
                 tim1: ["CH1", "CH2", "CH3", "CH4"].map(|channel| dma::request("TIM1", channel)),
             },
             rcc: Rcc::new(Cause::Power, None),
-            flash: Flash::default(),
+            flash: Flash::new(map.flash, map.data),
             dma: Dma::default(),
             adc: ADCS.map(Adc::new),
             adc_common: adc_common(),
             opamp: OPAMPS.map(|_| opamp()),
+            opamp_on: [0; 2],
             usb: Usb::default(),
             stored,
         }
@@ -263,7 +295,7 @@ impl G431 {
     }
 
     /// Updates the amplifiers' inputs, which TIM1 switches.
-    fn turn_amplifiers(&mut self, now: Tick) {
+    pub(super) fn turn_amplifiers(&mut self, now: Tick) {
         for i in 0..OPAMPS.len() {
             if let Ok(pin) = self.amplified(i, now) {
                 self.common.finger.amplify(i, pin, now);
@@ -299,7 +331,10 @@ impl G431 {
     /// Runs an event of an ADC; true if a DMA transfer is requested.
     fn adc_moment(&mut self, i: usize, now: Tick, memory: &mut dyn Memory) -> Outcome<bool> {
         let name = ADCS[i];
-        let source = self.adc[i].sampled(now).map(|input| self.source(i, input, now));
+        let source = self.adc[i].sampled(now).map(|input| {
+            let source = self.source(i, input, now)?;
+            self.check_sampling(i, input, source).map(|()| source)
+        });
         let finger = &mut self.common.finger;
         if source.is_none() && self.adc[i].is_converting() {
             finger.note(now, Moment::Result(i));
@@ -316,6 +351,16 @@ impl G431 {
         Ok(asks)
     }
 
+    /// Fails if an input is sampled for a shorter time than its source needs.
+    fn check_sampling(&self, i: usize, input: u32, source: Source) -> Outcome {
+        let ohm = match source {
+            Source::Pin(pin) => self.common.finger.ohm(pin),
+            _ => 0.0,
+        };
+        let least = sampling::least(input, source, ohm)?;
+        time::check_sampling(input, self.adc[i].sampling(input), least)
+    }
+
     /// Source of an ADC input.
     fn source(&self, i: usize, input: u32, now: Tick) -> Outcome<Source> {
         let common = Ccr(self.adc_common.read(0x08)?);
@@ -327,6 +372,12 @@ impl G431 {
         }
         if let Some(which) = OPAMPS.iter().position(|(_, at)| i == 1 && *at == input) {
             self.amplified(which, now)?;
+            if now < self.opamp_on[which] + WAKE_UP {
+                return Err(format!(
+                    "{} has been on for less than its wake-up time",
+                    OPAMPS[which].0
+                ));
+            }
             return Ok(Source::Amplifier(which));
         }
         self.pin(ADCS[i], self.adc_pads[i].get(input as usize)).map(Source::Pin)
@@ -341,7 +392,7 @@ impl G431 {
 
 impl Chip for G431 {
     fn map(&self) -> Map {
-        MAP
+        self.map
     }
 
     fn common(&self) -> &Common {

@@ -5,6 +5,7 @@
 use stm32_metapac::usb::regs::{Cntr, Epr, Istr};
 use stm32_metapac::usb::vals::{EpType, Stat};
 
+use crate::board::time::{Tick, micros};
 use crate::board::usb::{Answer, Device};
 use crate::board::{Outcome, UNMODELLED};
 
@@ -17,6 +18,11 @@ const FNR: u32 = 0x48;
 const DADDR: u32 = 0x4c;
 const BTABLE: u32 = 0x50;
 const BCDR: u32 = 0x58;
+
+/// Time from PDWN to a transceiver that has started (DS12589 table 93: tSTARTUP).
+const STARTED: Tick = micros(1);
+
+const TABLE: &str = "a buffer description beyond the packet memory (BTABLE)";
 
 /// DPPU: the pull-up that shows the device to a host.
 const PULL_UP: u32 = 1 << 15;
@@ -37,6 +43,8 @@ pub struct Usb {
     btable: u32,
     bcdr: u32,
     memory: [u8; MEMORY],
+    /// Time from which the transceiver has power.
+    powered: Tick,
 }
 
 impl Default for Usb {
@@ -49,6 +57,7 @@ impl Default for Usb {
             btable: 0,
             bcdr: 0,
             memory: [0; MEMORY],
+            powered: 0,
         }
     }
 }
@@ -82,7 +91,7 @@ impl Usb {
     }
 
     fn receive(&mut self, i: usize, data: &[u8]) -> Outcome {
-        let (at, room) = (self.entry(i, 2) as usize, self.entry(i, 3));
+        let (at, room) = (usize::from(self.entry(i, 2)?), self.entry(i, 3)?);
         let blocks = usize::from(room >> 10 & 0x1f);
         let room = if room >> 15 == 1 { 32 * (blocks + 1) } else { 2 * blocks };
         if data.len() > room {
@@ -90,8 +99,8 @@ impl Usb {
         }
         let place = self.memory.get_mut(at..at + data.len());
         place.ok_or("a buffer beyond the packet memory")?.copy_from_slice(data);
-        let kept = self.entry(i, 3) & !0x3ff;
-        self.set_entry(i, 3, kept | data.len() as u16);
+        let kept = self.entry(i, 3)? & !0x3ff;
+        self.set_entry(i, 3, kept | data.len() as u16)?;
         let epr = &mut self.epr[i];
         epr.set_stat_rx(Stat::NAK);
         epr.set_ctr_rx(true);
@@ -99,14 +108,17 @@ impl Usb {
     }
 
     /// Half word of an endpoint's buffer description: address and count to send, then to receive.
-    fn entry(&self, i: usize, which: usize) -> u16 {
+    fn entry(&self, i: usize, which: usize) -> Outcome<u16> {
         let at = self.btable as usize + 8 * i + 2 * which;
-        u16::from_le_bytes([self.memory[at], self.memory[at + 1]])
+        let half = self.memory.get(at..at + 2).ok_or(TABLE)?;
+        Ok(u16::from_le_bytes([half[0], half[1]]))
     }
 
-    fn set_entry(&mut self, i: usize, which: usize, value: u16) {
+    fn set_entry(&mut self, i: usize, which: usize, value: u16) -> Outcome {
         let at = self.btable as usize + 8 * i + 2 * which;
-        self.memory[at..at + 2].copy_from_slice(&value.to_le_bytes());
+        let half = self.memory.get_mut(at..at + 2).ok_or(TABLE)?;
+        half.copy_from_slice(&value.to_le_bytes());
+        Ok(())
     }
 
     /// Reads the register at `offset`; `frame` is the host's frame number.
@@ -124,7 +136,7 @@ impl Usb {
     }
 
     /// Writes the register at `offset`; `clock` is whether the peripheral has its 48 MHz.
-    pub fn write(&mut self, offset: u32, value: u32, clock: bool) -> Outcome {
+    pub fn write(&mut self, offset: u32, value: u32, clock: bool, now: Tick) -> Outcome {
         match offset {
             0x00..=0x1c => {
                 let epr = &mut self.epr[offset as usize / 4];
@@ -139,6 +151,16 @@ impl Usb {
             CNTR => {
                 if !clock {
                     return Err("without a clock of 48 MHz".into());
+                }
+                let (before, cntr) = (Cntr(self.cntr), Cntr(value));
+                if before.pdwn() && !cntr.pdwn() {
+                    self.powered = now;
+                }
+                if !cntr.fres() && (cntr.pdwn() || now < self.powered + STARTED) {
+                    return Err("FRES is cleared before the transceiver has started".into());
+                }
+                if cntr.fres() && !before.fres() {
+                    self.bus_reset();
                 }
                 self.cntr = value;
             }
@@ -240,7 +262,7 @@ impl Device for Usb {
             Stat::STALL => return Ok(Answer::Stall),
             Stat::VALID => {}
         }
-        let (at, count) = (self.entry(i, 0) as usize, usize::from(self.entry(i, 1) & 0x3ff));
+        let (at, count) = (usize::from(self.entry(i, 0)?), usize::from(self.entry(i, 1)? & 0x3ff));
         let data =
             self.memory.get(at..at + count).ok_or("a packet beyond the packet memory")?.to_vec();
         let epr = &mut self.epr[i];
@@ -251,3 +273,6 @@ impl Device for Usb {
         Ok(Answer::Data(data1, data))
     }
 }
+
+#[cfg(test)]
+mod tests;

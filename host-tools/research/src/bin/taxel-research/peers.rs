@@ -12,10 +12,17 @@ const COMPILER: &str = "arm-none-eabi-gcc";
 const EMLEARN: &str = "emlearn==0.23.2";
 const CMSIS_DSP: &str = "cmsisdsp==1.10.3";
 /// Sources of CMSIS-DSP that the net needs.
-const DSP_SOURCES: [&str; 3] = [
+const DSP_SOURCES: [&str; 10] = [
     "MatrixFunctions/arm_mat_vec_mult_f32.c",
+    "MatrixFunctions/arm_mat_vec_mult_q15.c",
     "MatrixFunctions/arm_mat_init_f32.c",
+    "MatrixFunctions/arm_mat_init_q15.c",
     "BasicMathFunctions/arm_add_f32.c",
+    "BasicMathFunctions/arm_add_q15.c",
+    "BasicMathFunctions/arm_scale_f32.c",
+    "InterpolationFunctions/arm_linear_interp_q15.c",
+    "SupportFunctions/arm_float_to_q15.c",
+    "SupportFunctions/arm_q15_to_float.c",
 ];
 /// Flags for the Cortex-M4F of the core's own image.
 const CORE: [&str; 4] = ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"];
@@ -58,22 +65,31 @@ pub fn count() -> Result<()> {
         peers.arg(name).arg(data.join(file));
     }
     for (i, flags) in FLAGS.into_iter().enumerate() {
-        let elf = folder.join(format!("peers{i}.elf"));
-        compile(flags, &emlearn, &dsp, &elf)?;
-        peers.arg("--peer").arg(format!("arm-none-eabi-gcc {version} {flags}={}", elf.display()));
+        // The macro gives the libraries the core's tanh.
+        for (kind, define) in [("plain", None), ("tanh", Some("-DCORE_TANH"))] {
+            let elf = folder.join(format!("peers-{kind}{i}.elf"));
+            compile(flags, define, [&emlearn, &dsp], &elf)?;
+            let with = format!("arm-none-eabi-gcc {version} {flags}={}", elf.display());
+            peers.arg("--peer").arg(with);
+        }
     }
     run(peers.args(["--missing", MISSING]))
 }
 
-fn compile(flags: &str, emlearn: &Path, dsp: &Path, elf: &Path) -> Result<()> {
+fn compile(
+    flags: &str,
+    define: Option<&str>,
+    [emlearn, dsp]: [&Path; 2],
+    elf: &Path,
+) -> Result<()> {
     let own = root().join("host-tools/emulator/peers");
     let include = |path: PathBuf| format!("-I{}", path.display());
     run(command(COMPILER, &own)
         .args(CORE)
         .args(flags.split(' '))
-        // Warnings of foreign code are off. The macro makes CMSIS-DSP independent of the CMSIS
-        // core.
-        .args(["-w", "-ffunction-sections", "-fdata-sections", "-D__GNUC_PYTHON__"])
+        .args(define)
+        // Warnings of foreign code are off. The folder has a stand-in for the CMSIS core.
+        .args(["-w", "-ffunction-sections", "-fdata-sections", "-I."])
         .arg(include(emlearn.join("emlearn")))
         .args([include(dsp.join("Include")), include(dsp.join("PrivateInclude"))])
         .arg("peers.c")

@@ -3,7 +3,7 @@
 //! unicorn executes the instructions. This module adds the memory map, reset and faults, [`Clock`]
 //! adds time. The guest calls the host by semihosting, as it would call a debugger: to print and to
 //! end. The operation numbers that the specification leaves to applications mark the calls to
-//! measure ([`cycles::host`]).
+//! measure (`boards/cycles/src/host.rs`).
 
 use anyhow::{Context, Result, anyhow, bail};
 use object::LittleEndian;

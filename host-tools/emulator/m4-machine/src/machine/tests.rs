@@ -24,7 +24,7 @@ fn machine(halves: &[u16]) -> Machine {
 }
 
 fn count(instructions: u64, low: u64, high: u64) -> Count {
-    Count { instructions, cycles: Band { low, high }, waits: 0 }
+    Count { instructions, cycles: Band { low, high }, ..Count::default() }
 }
 
 /// movs r0, #10; subs r0, #1; bne back to it; bkpt
@@ -62,7 +62,9 @@ fn measured_call_covers_the_function_only() {
     machine.clock().await_call(CODE + 0x11);
     machine.run(PLENTY).unwrap();
     // A multiplication, an addition that waits a cycle for it, a return that refills the pipeline.
-    assert_eq!(machine.clock().take_measured(), Some(count(3, 1 + 2 + 3, 6)));
+    let measured = machine.clock().take_measured().unwrap();
+    assert_eq!(Count { bounds: Band::default(), ..measured }, count(3, 1 + 2 + 3, 6));
+    assert_eq!(measured.bounds, Band { low: 1 + 2 + 2, high: 1 + 2 + 4 });
     let visited: u64 = machine.clock().blocks().iter().map(|(_, v)| v.taken + v.fell_through).sum();
     assert_eq!(visited, 1);
 }

@@ -17,6 +17,8 @@ pub struct Count {
     pub instructions: u64,
     /// Modelled cycles without wait states.
     pub cycles: Band,
+    /// Bounds of these cycles, counted in measured calls only.
+    pub bounds: Band,
     /// Modelled cycles of waiting for the flash.
     pub waits: u64,
 }
@@ -33,10 +35,8 @@ impl Sub for Count {
     fn sub(self, before: Self) -> Self {
         Self {
             instructions: self.instructions - before.instructions,
-            cycles: Band {
-                low: self.cycles.low - before.cycles.low,
-                high: self.cycles.high - before.cycles.high,
-            },
+            cycles: self.cycles - before.cycles,
+            bounds: self.bounds - before.bounds,
             waits: self.waits - before.waits,
         }
     }
@@ -221,6 +221,10 @@ impl Clock {
         let Some((block, _)) = self.blocks.get(current) else { return };
         let taken = block.left_by_branch(next);
         self.total.cycles += block.cost(runs_on, taken);
+        // Nothing else needs them, and they take time.
+        if matches!(self.call, Some(Call::Running { .. })) {
+            self.total.bounds += block.bounds(runs_on, taken);
+        }
         self.total.instructions += block.instructions.len() as u64;
         if !taken {
             self.before = Some(current);

@@ -1,5 +1,6 @@
 //! Basic blocks, decoded once: their instructions and their cost.
 
+use crate::bounds;
 use crate::cost::{Band, cost};
 use crate::isa::{Flow, Instruction};
 
@@ -25,6 +26,8 @@ pub struct Block {
     pub floats: bool,
     /// Cost of all instructions but the last, if nothing runs before them.
     body: Band,
+    /// Bounds of all instructions, if nothing runs before them and no branch is taken.
+    bounds: Band,
 }
 
 /// Instruction without a model.
@@ -76,7 +79,9 @@ impl Block {
             signals,
             floats,
             body: Band::default(),
+            bounds: Band::default(),
         };
+        block.bounds = bounds::sum(&block.instructions);
         block.body = (0..block.instructions.len().saturating_sub(1))
             .fold(Band::default(), |sum, i| sum + block.cost_of(i, false));
         Ok(block)
@@ -97,6 +102,11 @@ impl Block {
         band.low = band.low + after.low - alone.low;
         band.high = band.high + after.high - alone.high;
         band
+    }
+
+    /// Bounds of the block's cost, with the arguments of [`Self::cost`].
+    pub fn bounds(&self, before: Option<&Instruction>, taken: bool) -> Band {
+        bounds::entered(self.bounds, &self.instructions, before, taken)
     }
 
     /// Cost of instruction `i` within the block.

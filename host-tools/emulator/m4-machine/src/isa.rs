@@ -17,8 +17,12 @@ pub enum Class {
     Store,
     /// Load or store of this many words.
     ///
-    /// These are LDM, STM, PUSH, POP, LDRD, STRD, and all of floating-point registers.
+    /// These are LDM, STM, PUSH, POP, LDRD, STRD, VLDM, VSTM, and VLDR and VSTR of two words.
     Words(u8),
+    /// VLDR of one word.
+    FloatLoad,
+    /// VSTR of one word.
+    FloatStore,
     /// SDIV, UDIV.
     Divide,
     /// Floating-point arithmetic except the two classes below; moves to and from core registers.
@@ -65,10 +69,16 @@ pub struct Instruction {
     pub conditional: bool,
     /// Floating-point registers that the instruction reads.
     pub float_uses: FloatSet,
+    /// Floating-point registers among them that only the addition of a multiply-add reads.
+    pub addend: FloatSet,
     /// Floating-point registers that receive an arithmetic result.
     pub float_result: FloatSet,
+    /// Whether the floating-point unit takes part.
+    pub float: bool,
     /// Core registers that a load writes, one bit each.
     pub loads: u16,
+    /// Core registers that arithmetic writes, one bit each.
+    pub results: u16,
     /// Core registers in the address of a load or store, one bit each.
     pub address: u16,
     /// Number of following instructions that an IT makes conditional.
@@ -87,8 +97,11 @@ impl Instruction {
             flow: Flow::Next,
             conditional: false,
             float_uses: 0,
+            addend: 0,
             float_result: 0,
+            float: false,
             loads: 0,
+            results: 0,
             address: 0,
             it_length: 0,
             literal: None,
@@ -101,6 +114,12 @@ impl Instruction {
 
     const fn reading(self, literal: Option<i16>) -> Self {
         Self { literal, ..self }
+    }
+
+    /// Adds the result of arithmetic; comparisons name the program counter as theirs.
+    const fn giving(self, register: u16) -> Self {
+        let results = if register == PC { 0 } else { self.results | 1 << register };
+        Self { results, ..self }
     }
 
     const fn going_if(self, elsewhere: bool) -> Self {
@@ -134,12 +153,21 @@ fn narrow(op: u16) -> Option<Instruction> {
         ..new(if load { Load } else { Store })
     };
     Some(match op >> 10 {
-        0b000000..=0b010000 => new(Simple),
+        0b000000..=0b000111 => new(Simple).giving(field(op, 0, 3)),
+        // CMP among MOV, ADD and SUB of a constant.
+        0b001000..=0b001111 if field(op, 11, 2) == 0b01 => new(Simple),
+        0b001000..=0b001111 => new(Simple).giving(field(op, 8, 3)),
+        // TST, CMP, CMN among arithmetic of registers.
+        0b010000 if matches!(field(op, 6, 4), 0b1000 | 0b1010 | 0b1011) => new(Simple),
+        0b010000 => new(Simple).giving(field(op, 0, 3)),
         // ADD, MOV to the program counter; BX, BLX.
         0b010001 => match field(op, 8, 2) {
             0b11 => new(Simple).going(Elsewhere),
             0b01 => new(Simple),
-            _ => new(Simple).going_if(bit(op, 7) && field(op, 0, 3) == 7),
+            _ => {
+                let rd = field(op, 7, 1) << 3 | field(op, 0, 3);
+                new(Simple).giving(rd).going_if(rd == PC)
+            }
         },
         0b010010 | 0b010011 => {
             access(true, field(op, 8, 3), 0).reading(Some(4 * field(op, 0, 8) as i16))
@@ -150,9 +178,11 @@ fn narrow(op: u16) -> Option<Instruction> {
         }
         0b011000..=0b100011 => access(bit(op, 11), field(op, 0, 3), 1 << field(op, 3, 3)),
         0b100100..=0b100111 => access(bit(op, 11), field(op, 8, 3), 1 << 13),
-        0b101000..=0b101011 => new(Simple),
+        0b101000..=0b101011 => new(Simple).giving(field(op, 8, 3)),
         0b101100..=0b101111 => match field(op, 8, 4) {
-            0b0000 | 0b0010 | 0b1010 => new(Simple),
+            // ADD and SUB of the stack pointer; extensions and reversals.
+            0b0000 => new(Simple).giving(13),
+            0b0010 | 0b1010 => new(Simple).giving(field(op, 0, 3)),
             // CBZ, CBNZ.
             0b0001 | 0b0011 | 0b1001 | 0b1011 => new(Simple).going(Maybe),
             0b0100 | 0b0101 => new(Words(field(op, 0, 9).count_ones() as u8)),
@@ -188,9 +218,11 @@ fn wide(op: u16, arg: u16) -> Option<Instruction> {
             new(Class::Words(arg.count_ones() as u8)).going_if(bit(op, 4) && bit(arg, PC))
         }
         (0b01, 0b000 | 0b001, _) => dual(op, arg),
-        (0b01, 0b010 | 0b011, _) => new(Simple),
-        (0b01, 0b100.., _) => return float(op, arg),
-        (0b10, ..) if !bit(arg, 15) => new(Simple),
+        (0b01, 0b010 | 0b011, _) => new(Simple).giving(field(arg, 8, 4)),
+        (0b01, 0b100.., _) => {
+            return float(op, arg).map(|instruction| Instruction { float: true, ..instruction });
+        }
+        (0b10, ..) if !bit(arg, 15) => new(Simple).giving(field(arg, 8, 4)),
         (0b10, _, hints) => match (field(arg, 14, 1), field(arg, 12, 1)) {
             (0, 0) if hints & 0b0111000 != 0b0111000 => new(Simple).going(Maybe),
             (0, 0) => match hints {
@@ -205,11 +237,11 @@ fn wide(op: u16, arg: u16) -> Option<Instruction> {
             _ => return None,
         },
         (0b11, 0b000 | 0b001, _) => return single(op, arg),
-        (0b11, 0b010, _) => new(Simple),
-        (0b11, 0b011, _) if !bit(op, 7) => new(Simple),
+        (0b11, 0b010, _) => new(Simple).giving(field(arg, 8, 4)),
+        (0b11, 0b011, _) if !bit(op, 7) => new(Simple).giving(field(arg, 8, 4)),
         (0b11, 0b011, _) => match (field(op, 4, 3), field(arg, 4, 4)) {
-            (0b001 | 0b011, 0b1111) => new(Divide),
-            _ => new(Simple),
+            (0b001 | 0b011, 0b1111) => new(Divide).giving(field(arg, 8, 4)),
+            _ => new(Simple).giving(field(arg, 8, 4)).giving(field(arg, 12, 4)),
         },
         _ => return None,
     })
@@ -287,9 +319,14 @@ fn float(op: u16, arg: u16) -> Option<Instruction> {
         let first = if double { 2 * d } else { d << 1 | u16::from(bit(op, 6)) };
         let all = (1u64.checked_shl(u32::from(words))? - 1) << first;
         let float_uses = if bit(op, 4) { 0 } else { all & (FLAGS - 1) };
-        let words = Class::Words(u8::try_from(words).ok()?);
+        let class = match (one && !double, bit(op, 4)) {
+            (true, true) => Class::FloatLoad,
+            (true, false) => Class::FloatStore,
+            _ => Class::Words(u8::try_from(words).ok()?),
+        };
+        let address = if n == PC { 0 } else { 1 << n };
         let literal = literal(op, 4 * field(arg, 0, 8)).filter(|_| one);
-        return Some(Instruction { float_uses, ..new(words) }.reading(literal));
+        return Some(Instruction { float_uses, address, ..new(class) }.reading(literal));
     }
     if bit(arg, 4) {
         return Some(match (bit(arg, 8), field(op, 5, 3)) {
@@ -311,7 +348,9 @@ fn float(op: u16, arg: u16) -> Option<Instruction> {
         |class, float_uses| Some(Instruction { float_uses, float_result: sd, ..new(class) });
     match (bit(op, 7), field(op, 4, 2), bit(arg, 6)) {
         (false, 0b00 | 0b01, _) | (true, 0b01 | 0b10, _) => {
+            let addend = sd & !(sn | sm);
             arithmetic(Class::FloatMultiplyAdd, sd | sn | sm)
+                .map(|instruction| Instruction { addend, ..instruction })
         }
         (false, _, _) => arithmetic(Class::Float, sn | sm),
         (true, 0b00, false) => arithmetic(Class::FloatDivide, sn | sm),

@@ -3,15 +3,16 @@
 //! The tables are 3-1 and 7-1 of DDI 0439. All cycles are **modelled**, never measured. A [`Band`]
 //! holds what the tables leave open: whether neighbouring loads pipeline, whether a store waits for
 //! the write buffer, how early a division ends, and whether an instruction under IT did anything.
+//! For what is less certain than the tables say, [`crate::bounds`] has a wider band.
 
-use std::ops::{Add, AddAssign};
+use std::ops::{Add, AddAssign, Sub};
 
 use crate::isa::{Class, Instruction};
 
 /// Cycles of a taken branch beyond its own cycle.
 ///
 /// The manual gives 1 to 3, depending on the target's alignment and on how early its address is
-/// known; the model takes 2.
+/// known; the table takes 2.
 const REFILL: Band = Band::exactly(2);
 
 /// Range of cycles: at least `low`, at most `high`.
@@ -48,6 +49,13 @@ impl AddAssign for Band {
     }
 }
 
+impl Sub for Band {
+    type Output = Self;
+    fn sub(self, other: Self) -> Self {
+        Self { low: self.low - other.low, high: self.high - other.high }
+    }
+}
+
 /// Cost of `instruction` right after `before`; `before` is `None` behind a taken branch.
 pub fn cost(before: Option<&Instruction>, instruction: &Instruction, taken: bool) -> Band {
     let mut band = alone(instruction.class);
@@ -72,6 +80,7 @@ fn alone(class: Class) -> Band {
     match class {
         Class::Simple | Class::Float => Band::exactly(1),
         Class::Load | Class::MovePair | Class::TableBranch => Band::exactly(2),
+        Class::FloatLoad | Class::FloatStore => Band::exactly(2),
         Class::Store | Class::Special => Band { low: 1, high: 2 },
         Class::Words(count) => Band::exactly(1 + u64::from(count)),
         Class::Divide => Band { low: 2, high: 12 },
