@@ -1,24 +1,28 @@
-//! CRC-32/ISO-HDLC, a byte at a time.
+//! CRC-32/ISO-HDLC, a byte at a time, or half a byte with the feature `compact`.
 //!
-//! Own code because it needs one table of 1 KB, no initialised digest, and no check of an index. A
-//! chip's CRC unit may take the frames' words ([`crate::session::Board::crc32`]).
+//! Own code because it needs one table, no initialised digest, and no check of an index. A chip's CRC
+//! unit may take the frames' words ([`crate::session::Board::crc32`]); it then needs no large table.
 
-/// Effect of a byte on the register.
+/// Bits that the table takes at once.
+const BITS: u32 = if cfg!(feature = "compact") { 4 } else { 8 };
+const MASK: u32 = (1 << BITS) - 1;
+
+/// Effect of the lowest bits on the register.
 #[expect(clippy::indexing_slicing, reason = "evaluated at compile time")]
-static TABLE: [u32; 256] = {
+static TABLE: [u32; 1 << BITS] = {
     /// CRC polynomial, bits reflected.
     const POLYNOMIAL: u32 = 0xedb8_8320;
-    let mut table = [0; 256];
-    let mut byte = 0;
-    while byte < 256 {
-        let mut register = byte as u32;
+    let mut table = [0; 1 << BITS];
+    let mut low = 0;
+    while low <= MASK {
+        let mut register = low;
         let mut bit = 0;
-        while bit < 8 {
+        while bit < BITS {
             register = register >> 1 ^ if register & 1 == 1 { POLYNOMIAL } else { 0 };
             bit += 1;
         }
-        table[byte] = register;
-        byte += 1;
+        table[low as usize] = register;
+        low += 1;
     }
     table
 };
@@ -33,9 +37,11 @@ pub fn crc32(bytes: &[u8]) -> u32 {
 #[must_use]
 pub fn finish(register: u32, last: &[u8]) -> u32 {
     !last.iter().fold(register, |register, byte| {
-        let [low, ..] = register.to_le_bytes();
-        // A byte never lies outside the table; the compiler proves it and drops the check.
-        register >> 8 ^ TABLE.get(usize::from(low ^ byte)).map_or(0, |step| *step)
+        (0..8 / BITS).fold(register ^ u32::from(*byte), |register, _| {
+            // The mask keeps within the table; the compiler sees that and drops the check.
+            let low = TABLE.get((register & MASK) as usize);
+            register >> BITS ^ low.copied().unwrap_or_default()
+        })
     })
 }
 

@@ -13,9 +13,6 @@ use crate::scan::TAXELS;
 
 /// Time over which shares are averaged, in microseconds.
 const WINDOW: u32 = 20_000;
-/// Windows after a contact whose shares are not used: skin and light settle, and the next touch
-/// begins below the gate's threshold.
-const SETTLING: u8 = 1;
 /// Part of a window's mean that the gain follows.
 const FOLLOWS: f32 = 0.35;
 
@@ -37,15 +34,14 @@ pub struct Drift {
     /// Sum of share times time in the present window, and its time.
     sum: f32,
     time: u32,
-    /// Complete windows since the last contact, and the mean of the last one. It is used when the
-    /// next one is complete, too.
-    windows: u8,
-    mean: f32,
+    /// Mean of the last complete window since a contact. The gain follows it when the next one is
+    /// complete, too, because a touch begins below the gate's threshold.
+    mean: Option<f32>,
 }
 
 impl Default for Drift {
     fn default() -> Self {
-        Self { gain: 1.0, sum: 0.0, time: 0, windows: 0, mean: 0.0 }
+        Self { gain: 1.0, sum: 0.0, time: 0, mean: None }
     }
 }
 
@@ -60,6 +56,7 @@ impl DriftCompensation {
     /// `c` keeps what is left without a drift that alone may exceed the noise of `bias` by a
     /// `factor`, given squared. While the finger is untouched that is the share of the last window:
     /// a share that comes at once is a touch. Else it is the present share.
+    #[inline(never)]
     pub(crate) fn split(
         &self,
         drift: &Drift,
@@ -76,7 +73,7 @@ impl DriftCompensation {
         if !(share.abs() <= self.most) {
             return None;
         }
-        let slow = if drift.windows > 0 { drift.mean } else { share };
+        let slow = drift.mean.unwrap_or(share);
         let noise2 = TAXELS as f32 * bias.noise * bias.noise;
         if slow * slow * squares > MARGIN * factor2 * noise2 {
             c.iter_mut().zip(&bias.level).for_each(|(c, b)| *c -= slow * b);
@@ -85,18 +82,19 @@ impl DriftCompensation {
     }
 
     /// Follows the common share of an untouched scan, `passed` microseconds after the last one.
+    #[inline(never)]
     pub(crate) fn follow(&self, drift: &mut Drift, share: f32, passed: u32) {
         let passed = passed.min(WINDOW);
         drift.sum += share * passed as f32;
         drift.time += passed;
         if drift.time >= WINDOW {
-            if drift.windows >= SETTLING {
-                let gain = drift.gain * (1.0 + FOLLOWS * drift.mean);
-                drift.gain = gain.clamp(1.0 - self.most, 1.0 + self.most);
+            if let Some(mean) = drift.mean {
+                let gain = drift.gain * (1.0 + FOLLOWS * mean);
+                // `clamp` would panic on a bad record.
+                drift.gain = gain.max(1.0 - self.most).min(1.0 + self.most);
             }
-            let windows = drift.windows.saturating_add(1);
-            let mean = drift.sum / drift.time as f32;
-            *drift = Drift { gain: drift.gain, sum: 0.0, time: 0, windows, mean };
+            drift.mean = Some(drift.sum / drift.time as f32);
+            (drift.sum, drift.time) = (0.0, 0);
         }
     }
 }
@@ -110,7 +108,7 @@ impl Drift {
 
     /// Freezes the gain, and forgets the shares just before a contact.
     pub(crate) fn freeze(&mut self) {
-        *self = Self { gain: self.gain, ..Self::default() };
+        (self.sum, self.time, self.mean) = (0.0, 0, None);
     }
 }
 
@@ -126,7 +124,7 @@ mod tests {
     const DRIFTS: DriftCompensation = DriftCompensation { most: 0.05 };
     /// Squared factor of the contact gate's threshold.
     const GATE: f32 = 16.0;
-    const NEW: Drift = Drift { gain: 1.0, sum: 0.0, time: 0, windows: 0, mean: 0.0 };
+    const NEW: Drift = Drift { gain: 1.0, sum: 0.0, time: 0, mean: None };
 
     #[test]
     fn common_share_is_split_from_a_touch() {
@@ -153,7 +151,7 @@ mod tests {
 
     #[test]
     fn share_that_comes_at_once_is_a_touch() {
-        let settled = Drift { windows: 5, mean: 1e-4, ..NEW };
+        let settled = Drift { mean: Some(1e-4), ..NEW };
         let mut wide = BIAS.level.map(|b| -0.004 * b);
         let whole = wide;
         assert!(DRIFTS.split(&settled, &mut wide, &BIAS, GATE).is_some());

@@ -45,6 +45,7 @@ impl LagCompensation {
 
     /// Advances the signals of a scan, `passed` microseconds after the last one. A signal that was
     /// absent before is taken to stand still.
+    #[inline(never)]
     pub fn advance(&self, state: &mut LagState, passed: u32, signals: &mut Signals) {
         // Beyond a second a signal has been forgotten, and few digits suffice.
         let passed = passed.min(1_000_000) as f32 * 1e-6;

@@ -21,7 +21,7 @@ const FIRST_STEPS: usize = 3;
 /// of twice, four times … its number.
 const FIRST_COMPARED: u16 = 4;
 /// Steps of the mirror image, and its largest misfit as a share of the contact's own.
-const MIRRORED_STEPS: usize = 3;
+const MIRRORED_STEPS: usize = 2;
 const CLEARLY: f32 = 0.8;
 /// Least s of a contact: f_z of 1 mN.
 const LEAST_SIZE: f32 = 0.1;
@@ -246,16 +246,11 @@ impl Inverse {
         u: &[f32; TAXELS],
         measured: Option<ShearPrior>,
     ) -> Option<ContactFit> {
-        let (mut sum, mut x, mut y) = (f32::MIN_POSITIVE, 0.0, 0.0);
-        for (u, [cx, cy]) in u.iter().zip(&self.centres.0) {
-            let weight = square(u.max(0.0));
-            sum += weight;
-            x += weight * cx;
-            y += weight * cy;
-        }
-        let ([px, py], [fx, fy]) = (found.load.point, found.load.shear);
-        let point = [2.0 * x / sum - px, 2.0 * y / sum - py];
-        let mut load = Load { point, shear: [-fx, -fy], used: USED[0], ..found.load };
+        let middle = self.start(u)?;
+        let ([px, py], [mx, my]) = (found.load.point, middle.point);
+        let [fx, fy] = found.load.shear;
+        let point = [2.0 * mx - px, 2.0 * my - py];
+        let mut load = Load { point, shear: [-fx, -fy], ..middle };
         let step = |_, _| self.sheared_step(&mut load, u, measured);
         let rival = (0..MIRRORED_STEPS).fold(None, step).filter(ContactFit::is_sound)?;
         (rival.is_on_pad() && rival.misfit < CLEARLY * found.misfit).then_some(rival)
@@ -354,6 +349,7 @@ impl Inverse {
         Some(ContactFit { load: *load, sigma, ring: FrictionUtilisation::default(), misfit })
     }
 
+    #[inline(never)]
     fn sheared_step(
         &self,
         load: &mut Load,

@@ -48,12 +48,14 @@ pub(super) struct Kept {
 }
 
 impl Kept {
+    #[inline]
     pub(super) fn read(bytes: &[u8]) -> Option<Self> {
         let (body, crc) = bytes.split_last_chunk()?;
         let (kept, rest) = postcard::take_from_bytes(body).ok()?;
         (crc32(body) == u32::from_le_bytes(*crc) && rest.is_empty()).then_some(kept)
     }
 
+    #[inline]
     fn write<'b>(&self, buffer: &'b mut [u8; LONGEST]) -> Option<&'b [u8]> {
         let length = postcard::to_slice(self, buffer).ok()?.len();
         let crc = crc32(buffer.get(..length)?).to_le_bytes();

@@ -206,7 +206,14 @@ fn lint(compiled: bool, profile: Profile, steps: &mut Steps) -> Result<()> {
         run(command.args(["--", "-D", "warnings"]))
     })?;
     steps.take("parts made from the frame schema", || protocol::task(true))?;
-use crate::{cycles, emulator, firmware, fuzz, pages, protocol, python, registers, toolchain};
+    steps.take("parts made from tables", || pages::task(&Pages::CHECK))?;
+    // Nothing else needs the crates that the tables are made from.
+    const TABLES: &str = "tables of the chips' registers";
+    if profile == Profile::Nightly || registers::sources().is_ok() {
+        steps.take(TABLES, || registers::task(true))?;
+    } else {
+        steps.leave_out(TABLES, "their crates are neither here nor can be downloaded");
+    }
     steps.take("fuzz targets compile", fuzz::check)
 }
 
