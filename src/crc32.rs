@@ -37,12 +37,19 @@ pub fn crc32(bytes: &[u8]) -> u32 {
 #[must_use]
 pub fn finish(register: u32, last: &[u8]) -> u32 {
     !last.iter().fold(register, |register, byte| {
-        (0..8 / BITS).fold(register ^ u32::from(*byte), |register, _| {
-            // The mask keeps within the table; the compiler sees that and drops the check.
-            let low = TABLE.get((register & MASK) as usize);
-            register >> BITS ^ low.copied().unwrap_or_default()
-        })
+        if BITS == 8 {
+            let [low, ..] = register.to_le_bytes();
+            return register >> 8 ^ TABLE.get(usize::from(low ^ byte)).map_or(0, |step| *step);
+        }
+        after_bits(after_bits(register ^ u32::from(*byte)))
     })
+}
+
+/// Returns the register after its lowest bits.
+#[inline(always)]
+fn after_bits(register: u32) -> u32 {
+    // The mask keeps within the table; the compiler sees that and drops the check.
+    register >> BITS ^ TABLE.get((register & MASK) as usize).map_or(0, |step| *step)
 }
 
 #[cfg(test)]

@@ -21,8 +21,8 @@ mod slip;
 
 use crate::calibration::{Calibration, CalibrationError, Range};
 use crate::condition::{
-    Bias, BiasRefusal, BiasTaker, Drift, Health, LagState, Levels, LowPass, LowPassState,
-    NoiseWatch, Signals, Stuck, StuckWatch, Thermometer, Warm,
+    Bias, BiasRefusal, BiasTaker, Drift, DriftCompensation, Health, LagState, Levels, LowPass,
+    LowPassState, NoiseWatch, Signals, Stuck, StuckWatch, TaxelLevels, Thermometer, Warm,
 };
 use crate::estimate::contact_point::PointMethod;
 use crate::estimate::gate::{Gate, GateState, unmistakable};
@@ -253,7 +253,8 @@ impl Finger {
     /// Returns an initial state with the calibration's own bias.
     #[must_use]
     pub fn restarted(&self) -> FingerState {
-        FingerState { bias: self.own_bias(), ..FingerState::default() }
+        // No time has passed before the first scan.
+        FingerState { bias: self.own_bias(), time: Micros(u64::MAX), ..FingerState::default() }
     }
 
     /// Activates a bias that was taken on command earlier.
@@ -338,30 +339,24 @@ impl Finger {
         flag(&mut status, Status::DEAD_TAXEL, signals.health.dead != 0);
         flag(&mut status, Status::BRIDGE_FAULT, signals.health.bridge_faults != 0);
 
-        // A faulty channel may read anything.
-        let sound = signals.health == Health::default();
-        let drifts = self.calibration.as_ref().and_then(Calibration::drift).filter(|_| sound);
+        let drifts = self.calibration.as_ref().and_then(Calibration::drift);
         let factor2 = self.gate.threshold(&state.gate);
-        let whole = signals.taxels;
-        let share = match (drifts, &mut signals.taxels, &state.bias.taxels) {
-            (Some(drifts), Some(c), Some(bias)) => {
-                drifts.split(&state.filters.drift, c, bias, factor2)
-            }
-            _ => None,
-        };
+        let drifted = drifts.and_then(|drifts| {
+            without_drift(drifts, &state.filters.drift, (signals, &state.bias), factor2)
+        });
         let above = state.bias.exceeded(signals, factor2);
         let before = state.gate.contact();
         let contact = self.gate.update_at_once(&mut state.gate, above, || {
+            // A faulty channel may read anything.
+            let sound = signals.health == Health::default();
             let matrix = signals.taxels.as_ref().zip(state.bias.taxels.as_ref()).filter(|_| sound);
             matrix.map_or(0.0, |(c, bias)| unmistakable(c, bias.noise))
         });
-        signals.taxels = whole;
-        if contact {
-            state.filters.drift.freeze();
-        } else if let (Some(drifts), Some(share)) = (drifts, share) {
-            drifts.follow(&mut state.filters.drift, share, passed);
+        if let (Some(drifts), Some((share, whole))) = (drifts, drifted) {
+            signals.taxels = Some(whole);
+            drifts.follow(&mut state.filters.drift, share, steady(passed), contact);
+            status.insert(Status::RAN_DRIFT);
         }
-        flag(&mut status, Status::RAN_DRIFT, share.is_some());
         flag(&mut status, Status::CONTACT, contact);
         if contact != before {
             state.contact_changed(contact, scan.time);
@@ -372,7 +367,7 @@ impl Finger {
         let record = self.calibration.as_ref();
         let slip = state.grip.listen(record, scan.time, signals);
         if let Some(lag) = record.and_then(Calibration::lag) {
-            lag.advance(&mut state.filters.lag, passed, signals);
+            lag.advance(&mut state.filters.lag, steady(passed), signals);
             status.insert(Status::RAN_LAG);
         }
         if let Some(filter) = &self.filter {
@@ -477,6 +472,30 @@ impl Finger {
             set_none(force, NoValue::OutOfTrainedRange)
         }
     }
+}
+
+/// Takes a drift of the light off the taxels' signals; returns its present share and the signals as
+/// they were. A separate function, because many fingers have no such section.
+#[cold]
+#[inline(never)]
+fn without_drift(
+    drifts: &DriftCompensation,
+    drift: &Drift,
+    (signals, bias): (&mut Signals, &Bias),
+    factor2: f32,
+) -> Option<(f32, TaxelLevels)> {
+    if signals.health != Health::default() {
+        return None;
+    }
+    let (c, bias) = (signals.taxels.as_mut()?, bias.taxels.as_ref()?);
+    let whole = *c;
+    Some((drifts.split(drift, c, bias, factor2)?, whole))
+}
+
+/// Returns a time between scans in steps of 5 µs. A microsecond of rounding in the times of a board
+/// must not change a bit of a frame.
+fn steady(passed: u32) -> u32 {
+    passed.saturating_add(2) / 5 * 5
 }
 
 /// Forces on all calibrated sensors in newtons, or the reason for the first that is missing.

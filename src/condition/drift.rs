@@ -81,9 +81,14 @@ impl DriftCompensation {
         Some(share)
     }
 
-    /// Follows the common share of an untouched scan, `passed` microseconds after the last one.
+    /// Follows the common share of a scan, `passed` microseconds after the last one. In contact the
+    /// gain is frozen, and the shares just before it are forgotten.
     #[inline(never)]
-    pub(crate) fn follow(&self, drift: &mut Drift, share: f32, passed: u32) {
+    pub(crate) fn follow(&self, drift: &mut Drift, share: f32, passed: u32, contact: bool) {
+        if contact {
+            (drift.sum, drift.time, drift.mean) = (0.0, 0, None);
+            return;
+        }
         let passed = passed.min(WINDOW);
         drift.sum += share * passed as f32;
         drift.time += passed;
@@ -104,11 +109,6 @@ impl Drift {
     #[must_use]
     pub fn gain(&self) -> f32 {
         self.gain
-    }
-
-    /// Freezes the gain, and forgets the shares just before a contact.
-    pub(crate) fn freeze(&mut self) {
-        (self.sum, self.time, self.mean) = (0.0, 0, None);
     }
 }
 
@@ -165,12 +165,12 @@ mod tests {
             let signals = |drift: &Drift| BIAS.level.map(|b| b - 0.98 * b * drift.gain());
             for _ in 0..3_000_000 / passed {
                 let share = DRIFTS.split(&drift, &mut signals(&drift), &BIAS, GATE).unwrap();
-                DRIFTS.follow(&mut drift, share, passed);
+                DRIFTS.follow(&mut drift, share, passed, false);
             }
             assert!(signals(&drift).iter().all(|c| c.abs() < 3e-5), "{passed}: {drift:?}");
         }
         let mut drift = Drift::default();
-        (0..100_000).for_each(|_| DRIFTS.follow(&mut drift, 0.05, 100_000));
+        (0..100_000).for_each(|_| DRIFTS.follow(&mut drift, 0.05, 100_000, false));
         assert_eq!(drift.gain(), 1.05);
     }
 }

@@ -17,12 +17,6 @@ use crate::scan::{COLS, ROWS, TAXEL_CENTRES, TAXELS};
 /// Steps in the first scan of a contact. Later scans take one: from the last contact it practically
 /// converges at a kilohertz.
 const FIRST_STEPS: usize = 3;
-/// First scan of a contact in which it is compared with its mirror image; further ones are those
-/// of twice, four times … its number.
-const FIRST_COMPARED: u16 = 4;
-/// Steps of the mirror image, and its largest misfit as a share of the contact's own.
-const MIRRORED_STEPS: usize = 2;
-const CLEARLY: f32 = 0.8;
 /// Least s of a contact: f_z of 1 mN.
 const LEAST_SIZE: f32 = 0.1;
 /// Largest s: f_z of 27 N, beyond the range of any sensor of [DeMaria2011] or [Ospina2017].
@@ -116,8 +110,8 @@ pub struct InverseState {
     last: Option<Load>,
     /// Whether scans were lost since `last`.
     old: bool,
-    /// Number of scans of this contact.
-    scans: u16,
+    /// Whether the contact has been found before, and lost.
+    found: bool,
 }
 
 /// Shear as measured by other sensors.
@@ -190,6 +184,11 @@ impl InverseState {
         *self = Self::default();
     }
 
+    /// Forgets where the contact is: the search begins again, with a single step.
+    pub fn lose(&mut self) {
+        self.last = None;
+    }
+
     /// Marks lost scans, after which one step may not reach the new contact.
     pub fn interrupt(&mut self) {
         self.old = true;
@@ -223,37 +222,7 @@ impl Inverse {
         if !self.shear {
             return Err(NoValue::NotEstimated);
         }
-        let found =
-            self.find(state, u, |inverse, load, u| inverse.sheared_step(load, u, measured))?;
-        if state.scans < FIRST_COMPARED || !state.scans.is_power_of_two() {
-            return Ok(found);
-        }
-        let rival = self.mirrored(&found, u, measured).unwrap_or(found);
-        state.last = Some(rival.load);
-        Ok(rival)
-    }
-
-    /// Returns the contact on the other side, if it explains the displacements better.
-    ///
-    /// A contact that is sheared to the right acts much like one that lies further right and is
-    /// sheared to the left. Where the skin is shallow, both are minima, and a light touch may begin
-    /// in the wrong one.
-    #[cold]
-    #[inline(never)]
-    fn mirrored(
-        &self,
-        found: &ContactFit,
-        u: &[f32; TAXELS],
-        measured: Option<ShearPrior>,
-    ) -> Option<ContactFit> {
-        let middle = self.start(u)?;
-        let ([px, py], [mx, my]) = (found.load.point, middle.point);
-        let [fx, fy] = found.load.shear;
-        let point = [2.0 * mx - px, 2.0 * my - py];
-        let mut load = Load { point, shear: [-fx, -fy], ..middle };
-        let step = |_, _| self.sheared_step(&mut load, u, measured);
-        let rival = (0..MIRRORED_STEPS).fold(None, step).filter(ContactFit::is_sound)?;
-        (rival.is_on_pad() && rival.misfit < CLEARLY * found.misfit).then_some(rival)
+        self.find(state, u, |inverse, load, u| inverse.sheared_step(load, u, measured))
     }
 
     fn find(
@@ -264,13 +233,13 @@ impl Inverse {
     ) -> Measured<ContactFit> {
         let (start, steps) = match state.last {
             Some(last) => (Some(last), if state.old { FIRST_STEPS } else { 1 }),
-            None => (self.start(u), FIRST_STEPS),
+            None => (self.start(u), if state.found { 1 } else { FIRST_STEPS }),
         };
         let found =
             start.and_then(|mut load| (0..steps).fold(None, |_, _| step(self, &mut load, u)));
         let sound = found.filter(ContactFit::is_sound);
-        let scans = if sound.is_some() { state.scans.saturating_add(1) } else { 0 };
-        *state = InverseState { last: sound.map(|touch| touch.load), old: false, scans };
+        let last = sound.map(|touch| touch.load);
+        *state = InverseState { last, old: false, found: last.is_some() };
         sound.ok_or(NoValue::IllConditioned)
     }
 
@@ -349,7 +318,6 @@ impl Inverse {
         Some(ContactFit { load: *load, sigma, ring: FrictionUtilisation::default(), misfit })
     }
 
-    #[inline(never)]
     fn sheared_step(
         &self,
         load: &mut Load,

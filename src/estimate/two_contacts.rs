@@ -81,7 +81,7 @@ impl Inverse {
     /// of the displacements, along the direction of largest spread. Forces that fit the
     /// displacements best complete the guess.
     fn first_guess(&self, u: &[f32; TAXELS]) -> Option<[Load; 2]> {
-        let weights = || u.iter().map(|u| u.max(0.0)).zip(self.centres.0);
+        let weights = || u.iter().map(|u| u.max(0.0)).zip(&self.centres.0);
         let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);
         for (weight, [cx, cy]) in weights() {
             sum += weight;
@@ -110,7 +110,7 @@ impl Inverse {
         let pair = [at(HALF_WAY), at(-HALF_WAY)];
         let [a, b] = pair.each_ref().map(|load| self.field.around(load));
         let mut shares = Normal::<2>::EMPTY;
-        for (u, place) in u.iter().zip(self.centres.0) {
+        for (u, &place) in u.iter().zip(&self.centres.0) {
             shares.add(&[a.pressed(place).0, b.pressed(place).0], *u);
         }
         let (shares, _) = shares.solve()?;
@@ -127,7 +127,7 @@ impl Inverse {
         let error = self.expected(a.normal() + b.normal());
         let mut normal = Normal::<6>::EMPTY;
         let mut squares = 0.0;
-        for (u, place) in u.iter().zip(self.centres.0) {
+        for (u, &place) in u.iter().zip(&self.centres.0) {
             let ((ua, [as_, ax, ay]), (ub, [bs, bx, by])) =
                 (around_a.pressed(place), around_b.pressed(place));
             let left = u - ua - ub;

@@ -213,7 +213,7 @@ impl OpticalInput<'_> {
         }
         if !touch.is_on_pad() {
             // The search begins again.
-            state.model.clear();
+            state.model.lose();
             return OpticalEstimate::nothing(NoValue::IllConditioned);
         }
         one(&touch, sheared, model.shear)

@@ -80,7 +80,7 @@ impl<'r> Prepared<'r> {
         Ok(Self { recording, bias, signals })
     }
 
-    /// Makes the signals anew, with drift and lag compensated.
+    /// Computes the signals again, with drift and lag compensated.
     pub fn compensate(&mut self, compensation: &Calibration) {
         self.signals = self.recording.compensated(&self.bias, compensation);
     }

@@ -119,6 +119,8 @@ impl Recording {
     }
 
     /// Signals of every row as the finger makes them in passing, with drift and lag compensated.
+    ///
+    /// Faults are those of each row: codes that stand still are judged with the whole recording.
     #[must_use]
     pub fn compensated(&self, bias: &Bias, compensation: &Calibration) -> Vec<Signals> {
         let Calibration { warmth, lag, drift, .. } = compensation;
@@ -127,9 +129,10 @@ impl Recording {
         finger.restore_bias(&mut state, *bias);
         let mut estimate = Estimate::NOTHING;
         let wanted = Wanted { fields: Fields::empty(), due: false };
-        let rows = self.samples.iter().map(|sample| {
+        let rows = self.samples.iter().zip(self.signals(bias, warmth.as_ref()));
+        let rows = rows.map(|(sample, plain)| {
             finger.update(&mut estimate, &mut state, &sample.scan, wanted);
-            estimate.signals
+            Signals { health: plain.health, ..estimate.signals }
         });
         rows.collect()
     }

@@ -247,7 +247,7 @@ fn judge(model: &Inverse, presses: &[Vec<Row>], labels: Labels) -> Judged {
             let on_pad = touch.as_ref().is_ok_and(ContactFit::is_on_pad);
             if !on_pad {
                 // The chip withholds it and begins again.
-                state.clear();
+                state.lose();
             }
             let touch = touch.ok().filter(|_| on_pad);
             // Without an estimate the error is the force itself.

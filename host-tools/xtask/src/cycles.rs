@@ -93,10 +93,10 @@ fn within_their_cycles(table: &[Stage]) -> Result<()> {
 /// cycles: mean and worst scan.
 const SCENES: [(&str, [u64; 2]); 8] = [
     ("finger: no contact, no frame due", [3_000, 3_000]),
-    ("finger: no contact, estimates", [6_000, 6_100]),
-    ("finger: normal contact, estimates", [16_400, 32_000]),
+    ("finger: no contact, estimates", [6_100, 6_200]),
+    ("finger: normal contact, estimates", [16_500, 32_000]),
     ("finger: normal contact, frames at 1 kHz", [6_200, 32_000]),
-    ("finger: shear, estimates", [29_500, 71_500]),
+    ("finger: shear, estimates", [29_600, 71_500]),
     ("finger: shear, frames at 1 kHz", [9_500, 71_500]),
     ("finger: two contacts, estimates", [50_000, 125_000]),
     ("finger: two contacts, frames at 1 kHz", [14_500, 125_000]),

@@ -49,7 +49,7 @@ fn chart_writes_all_three_files_or_none() {
     let read = |name: &str| std::fs::read_to_string(charts.join(name)).unwrap();
     let table = read("peers.csv");
     assert!(
-        table.starts_with("name,net,max_error,cycles_low,cycles_high,instructions\n"),
+        table.starts_with("name,net,max_error,cycles_low,cycles_high,instructions,cycles_least,"),
         "{table}"
     );
     let first = table.lines().nth(1).unwrap().split(',').nth(3).unwrap();
