@@ -36,6 +36,8 @@ use taxel_regress::training::Chosen;
 
 /// Default friction coefficient of rubber.
 const USUAL_FRICTION: f32 = 0.6;
+/// Ratio of the net's error in f_z to the model's from which the model is kept for its f_z alone.
+const TWICE: f64 = 2.0;
 /// Largest common share of the light that is taken for a drift: 10 K of LEDs.
 const MOST_DRIFT: f32 = 0.05;
 /// Exponent of Hertz's pressure in the power law of [Ospina2017].
@@ -355,9 +357,11 @@ fn keep_skin(fitted: &mut Fitted, skin: Skin) {
             "contact point: {first} ({by:.3} mm) over {second} ({with:.3} mm), on presses left out"
         ));
     }
-    // A place below the pitch of the taxels is never dropped for the sake of the force.
+    // A place below the pitch of the taxels is never dropped for the sake of the force, nor a normal
+    // force that is twice as good for the sake of the shear.
     let misplaced = place.is_none_or(|[own, centroid]| own > centroid);
-    if worse && misplaced {
+    let firm = place.is_some() && TWICE * residual[2] < own[components.min(3) - 1];
+    if worse && misplaced && !firm {
         if place.is_none() {
             return;
         }
