@@ -70,7 +70,9 @@ impl DriftCompensation {
             squares += b * b;
         }
         let share = along / squares;
-        if !(share.abs() <= self.most) {
+        // Not so for a share that is no number.
+        let possible = share.abs() <= self.most;
+        if !possible {
             return None;
         }
         let slow = drift.mean.unwrap_or(share);
