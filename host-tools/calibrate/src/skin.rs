@@ -258,14 +258,15 @@ fn judge(model: &Inverse, presses: &[Vec<Row>], labels: Labels) -> Judged {
             sum.rows += 1.0;
             let (Some(touch), Ok(middle)) = (touch, centroid(&c, 0, 0.0)) else { continue };
             sum.misfits.push(f64::from(touch.misfit));
-            if touch.sigma[3].max(touch.sigma[4]) >= UNSURE_PLACE {
-                continue;
-            }
             let [x, y] = row.point;
-            for (sum, [px, py]) in
-                sum.place.iter_mut().zip([touch.load.point, [middle.x.0, middle.y.0]])
-            {
-                *sum += (f64::from(px) - x).powi(2) + (f64::from(py) - y).powi(2);
+            // The chip withholds a place that it does not know.
+            if touch.sigma[3].max(touch.sigma[4]) < UNSURE_PLACE {
+                for (sum, [px, py]) in
+                    sum.place.iter_mut().zip([touch.load.point, [middle.x.0, middle.y.0]])
+                {
+                    *sum += (f64::from(px) - x).powi(2) + (f64::from(py) - y).powi(2);
+                }
+                sum.fits += 1.0;
             }
             let ([fx, fy, _], [px, py], [sx, sy, _, sigma_x, sigma_y, _]) =
                 (touch.force(), touch.load.point, touch.sigma);
@@ -282,7 +283,6 @@ fn judge(model: &Inverse, presses: &[Vec<Row>], labels: Labels) -> Judged {
                 let stated = f64::from(sigma).hypot(noise);
                 ratios.push((f64::from(found) - label).abs() / stated);
             }
-            sum.fits += 1.0;
         }
     }
     sum
