@@ -4,8 +4,9 @@
 //! Codes ──Levels::read, TemperatureCompensation::correct──▶ Levels ──Bias::apply──▶ Signals
 //! ```
 //! [`Levels`] are absolute fractions of full scale and need no calibration. [`Signals`] are changes
-//! against the unloaded finger and need a [`Bias`]. [`DriftCompensation`] and [`LagCompensation`] serve
-//! records that have them, and the low-pass filter runs only if the host has asked for it. [`Bias::direct`] converts codes to signals in one pass and serves most scans.
+//! against the unloaded finger and need a [`Bias`]. [`DriftCompensation`] and [`LagCompensation`]
+//! serve records that have them, and the low-pass filter runs only if the host has asked for it.
+//! [`Bias::direct`] converts codes to signals in one pass and serves most scans.
 
 mod bias;
 mod direct;

@@ -37,11 +37,8 @@ pub fn crc32(bytes: &[u8]) -> u32 {
 #[must_use]
 pub fn finish(register: u32, last: &[u8]) -> u32 {
     !last.iter().fold(register, |register, byte| {
-        if BITS == 8 {
-            let [low, ..] = register.to_le_bytes();
-            return register >> 8 ^ TABLE.get(usize::from(low ^ byte)).map_or(0, |step| *step);
-        }
-        after_bits(after_bits(register ^ u32::from(*byte)))
+        let register = register ^ u32::from(*byte);
+        if BITS == 8 { after_bits(register) } else { after_bits(after_bits(register)) }
     })
 }
 

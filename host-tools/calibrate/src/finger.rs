@@ -175,15 +175,15 @@ pub fn fit_keeping(
         .collect();
     let mut compensation = Calibration { warmth, ..Calibration::default() };
     let lit = recordings.iter().any(|recording| recording.bias.taxels.is_some());
-    if lit && !options.net_only {
-        compensation.drift = Some(DriftCompensation { most: MOST_DRIFT });
-        recordings.iter_mut().for_each(|recording| recording.compensate(&compensation));
-    }
     if !options.net_only {
+        if lit {
+            compensation.drift = Some(DriftCompensation { most: MOST_DRIFT });
+            recordings.iter_mut().for_each(|recording| recording.compensate(&compensation));
+        }
         compensation.lag = lag::fit(&recordings, &subjects);
-    }
-    if compensation.lag.is_some() {
-        recordings.iter_mut().for_each(|recording| recording.compensate(&compensation));
+        if compensation.lag.is_some() {
+            recordings.iter_mut().for_each(|recording| recording.compensate(&compensation));
+        }
     }
     let told = compensation.lag.map(lag::told);
     let mut fitted = Fitted {

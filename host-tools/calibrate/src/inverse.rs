@@ -1,8 +1,8 @@
 //! Fit of a finger's forward model: taxel curves, stray light and one contact's field.
 //!
 //! The model is [`taxel::estimate::inverse`]. Levenberg–Marquardt searches the field, each taxel's
-//! curve (powers of its displacement), its place and its neighbours' stray light together. The true load of
-//! each row and the true place of each press are unknowns too, held by their labels' noise
+//! curve (powers of its displacement), its place and its neighbours' stray light together. The true
+//! load of each row and the true place of each press are unknowns too, held by their labels' noise
 //! (`bundle`). The curves for the chip, from signal to displacement, are fitted last, to the
 //! displacements of that field.
 

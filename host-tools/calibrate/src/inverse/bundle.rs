@@ -77,7 +77,7 @@ struct Seen<'r> {
 }
 
 /// Usual value and inverse variance of a taxel's coefficient; the curve is free.
-pub(super) fn prior(coefficient: usize) -> [f64; 2] {
+fn prior(coefficient: usize) -> [f64; 2] {
     let [stray, deviation] = STRAY;
     match coefficient {
         ..POWERS => [0.0; 2],
