@@ -138,13 +138,15 @@ pub struct ContactFit {
 }
 
 /// Information of one scan on the friction utilisation, without the prior. The information of
-/// several scans may be added.
+/// several scans may be added, down to the variance that they share.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FrictionUtilisation {
     /// Inverse variance; 0 without information.
     pub weight: f32,
     /// Friction utilisation times its weight.
     pub moment: f32,
+    /// Variance from the model's own error, which is the same in all scans of such a load.
+    pub shared: f32,
 }
 
 impl FrictionUtilisation {
@@ -153,7 +155,8 @@ impl FrictionUtilisation {
         let [usual, spread] = USED;
         let (before, after) = (1.0 / (spread * spread), 1.0 / variance.max(LEAST_VARIANCE));
         let seen = after > before;
-        let known = Self { weight: after - before, moment: found * after - usual * before };
+        let (weight, moment) = (after - before, found * after - usual * before);
+        let known = Self { weight, moment, shared: 0.0 };
         if seen { known } else { Self::default() }
     }
 }
@@ -363,7 +366,12 @@ impl Inverse {
         let wide = error * misfit.max(1.0);
         let mut sigma = variances.map(|variance| wide * sqrt(variance));
         sigma[2] *= 3.0 * load.size * load.size;
-        let ring = FrictionUtilisation::of(load.used, sigma[5] * sigma[5]);
+        let variance = sigma[5] * sigma[5];
+        let [floor, _] = self.error;
+        let ring = FrictionUtilisation {
+            shared: variance * square((error - floor) / error),
+            ..FrictionUtilisation::of(load.used, variance)
+        };
         Some(ContactFit { load: *load, sigma, ring, misfit })
     }
 }
@@ -487,6 +495,9 @@ pub(super) mod tests {
             let load = Load { shear: [0.9, 0.0], size: 1.2, point: [0.3, -0.2], used };
             let touch = settled(&displaced(&load));
             assert!((touch.load.used - used).abs() < 0.05, "{used}: {touch:?}");
+            // Of 2e-4 + 2e-4 · 1.2³ mm the second part is the model's.
+            let shared = touch.sigma[5].powi(2) * (1.728f32 / 2.728).powi(2);
+            assert!((touch.ring.shared / shared - 1.0).abs() < 1e-2, "{touch:?}");
         }
     }
 

@@ -185,16 +185,17 @@ impl Slip {
         let start = [1.0 / usual.clamp(FRICTION[0], FRICTION[1]), spread * spread];
         let [mut inverse, variance] = state.known.unwrap_or(start);
         let variance = at_most(variance + WANDER * elapsed, spread * spread);
-        // The systematic error is the same in all scans, so that a friction known better learns
+        // The systematic errors are the same in all scans, so that a friction known better learns
         // nothing.
-        let unsure = ratio * ratio * variance > RING_ERROR * RING_ERROR;
+        let unsure = ratio * ratio * variance > RING_ERROR * RING_ERROR + ring.shared;
         let new = at_most(elapsed / NEW_AFTER, 1.0);
         let seen = if slides && ratio > FRICTION[0] {
             let weight = new / (SLIDE_ERROR * SLIDE_ERROR);
-            FrictionUtilisation { weight, moment: weight * (1.0 + LENGTHENED * noise * noise) }
+            let moment = weight * (1.0 + LENGTHENED * noise * noise);
+            FrictionUtilisation { weight, moment, shared: 0.0 }
         } else if unsure && !slides {
             let new = NEW * new;
-            FrictionUtilisation { weight: new * ring.weight, moment: new * ring.moment }
+            FrictionUtilisation { weight: new * ring.weight, moment: new * ring.moment, ..ring }
         } else {
             FrictionUtilisation::default()
         };
@@ -233,7 +234,11 @@ mod tests {
                 let traction = Traction {
                     shear: [b * mu * 1.2, 0.0],
                     normal: 1.2,
-                    ring: seen.then_some(FrictionUtilisation { weight: 400.0, moment: 400.0 * b }),
+                    ring: seen.then_some(FrictionUtilisation {
+                        weight: 400.0,
+                        moment: 400.0 * b,
+                        shared: 0.0,
+                    }),
                     ..Traction::default()
                 };
                 slip().judge(state, &traction, SCAN).unwrap()
@@ -313,7 +318,8 @@ mod tests {
         // The standard deviation of one scan is 0.7, half of the possible range.
         for i in 0..200 {
             let (b, noise) = (0.004 * i as f32, if i % 2 == 0 { 0.7 } else { -0.7 });
-            let ring = Some(FrictionUtilisation { weight: 2.0, moment: 2.0 * (b + noise) });
+            let ring =
+                Some(FrictionUtilisation { weight: 2.0, moment: 2.0 * (b + noise), shared: 0.0 });
             let shear = [0.3 * b, 0.0];
             slip()
                 .judge(
@@ -325,6 +331,20 @@ mod tests {
         }
         let [inverse, _] = state.known.unwrap();
         assert!((0.3 * inverse - 1.0).abs() < 0.3, "friction {}", 1.0 / inverse);
+    }
+
+    #[test]
+    fn error_shared_by_all_scans_is_not_learnt() {
+        // A fifth of the friction is used; every scan says a half.
+        let friction = |shared: f32| {
+            let mut state = SlipState::default();
+            let ring = Some(FrictionUtilisation { weight: 10.0, moment: 5.0, shared });
+            let held = Traction { shear: [0.16, 0.0], normal: 1.0, ring, ..Traction::default() };
+            let found = (0..500).map(|_| slip().judge(&mut state, &held, SCAN).unwrap().friction);
+            found.last().unwrap()
+        };
+        assert!(friction(0.0) < 0.4, "noise alone averages: {}", friction(0.0));
+        assert_eq!(friction(0.08), 0.8);
     }
 
     #[test]
@@ -347,7 +367,7 @@ mod tests {
     #[test]
     fn shear_within_noise_gives_no_friction() {
         let mut state = SlipState::default();
-        let ring = Some(FrictionUtilisation { weight: 400.0, moment: 400.0 });
+        let ring = Some(FrictionUtilisation { weight: 400.0, moment: 400.0, shared: 0.0 });
         for _ in 0..200 {
             let traction = Traction {
                 shear: [0.05, 0.0],
@@ -389,7 +409,7 @@ mod tests {
         let mut state = slid(0.5);
         // A quarter of the normal force uses half of the friction; 0.6 is within the systematic
         // error.
-        let ring = Some(FrictionUtilisation { weight: 400.0, moment: 400.0 * 0.6 });
+        let ring = Some(FrictionUtilisation { weight: 400.0, moment: 400.0 * 0.6, shared: 0.0 });
         let held = Traction { shear: [0.25, 0.0], normal: 1.0, ring, ..Traction::default() };
         let friction = (0..1000)
             .map(|_| slip().judge(&mut state, &held, SCAN).unwrap().friction)
@@ -455,7 +475,7 @@ mod tests {
             let slip = Slip::usual(mu);
             let mut state = SlipState::default();
             for (shear, normal, [torsion, arm], ring, slides) in tractions {
-                let ring = ring.map(|(b, weight)| FrictionUtilisation { weight, moment: weight * b });
+                let ring = ring.map(|(b, weight)| FrictionUtilisation { weight, moment: weight * b, shared: 0.0 });
                 let sigma = [torsion, normal];
                 let rubs = !slides;
                 let traction = Traction { shear, normal, torsion, arm, sigma, ring, rubs, slides };
