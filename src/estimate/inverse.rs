@@ -30,6 +30,9 @@ const FARTHEST: f32 = 7.0;
 const OFF_PAD: f32 = 6.0;
 /// Largest friction coefficient of rubber.
 const MOST_FRICTION: f32 = 2.0;
+/// Prior standard deviation of a shear component over the normal force: even within the friction
+/// cone of rubber, whose coefficient is about 1.
+const USUAL_SHEAR: f32 = 0.5;
 /// Prior mean and standard deviation of the friction utilisation: even between 0 and 1.
 const USED: [f32; 2] = [0.5, 0.4];
 /// Least variance of the friction utilisation: a thousandth, squared.
@@ -308,9 +311,14 @@ impl Inverse {
             squares += left * left;
             normal.add(&row, left);
         }
-        normal.damp(&[0.0, square(error / FARTHEST), square(error / FARTHEST)]);
+        let held = square(error / FARTHEST);
+        normal.damp(&[0.0, held, held]);
+        let unseen = normal.right;
+        let [x, y] = load.point;
+        normal.right[1] -= held * x;
+        normal.right[2] -= held * y;
         let ([ds, dx, dy], [vs, vx, vy]) = normal.solve()?;
-        let left = squares - ds * normal.right[0] - dx * normal.right[1] - dy * normal.right[2];
+        let left = squares - ds * unseen[0] - dx * unseen[1] - dy * unseen[2];
         load.shear = [0.0; 2];
         load.used = USED[0];
         load.advance(ds, [dx, dy]);
@@ -338,17 +346,15 @@ impl Inverse {
             normal.add(&row, left);
         }
         let [usual, spread] = USED;
-        let held = error / (MOST_FRICTION * load.normal());
-        let prior = square(error / spread);
-        normal.damp(&[
-            square(held),
-            square(held),
-            0.0,
-            square(error / FARTHEST),
-            square(error / FARTHEST),
-            prior,
-        ]);
+        let pulled = square(error / (USUAL_SHEAR * load.normal()));
+        let (placed, prior) = (square(error / FARTHEST), square(error / spread));
+        normal.damp(&[pulled, pulled, 0.0, placed, placed, prior]);
         let unseen = normal.right;
+        let ([fx, fy], [x, y]) = (load.shear, load.point);
+        normal.right[0] -= pulled * fx;
+        normal.right[1] -= pulled * fy;
+        normal.right[3] -= placed * x;
+        normal.right[4] -= placed * y;
         normal.right[5] += prior * (usual - load.used);
         let (mut step, mut variances) = normal.solve()?;
         let left = unseen.iter().zip(&step).fold(squares, |left, (g, d)| left - g * d);
@@ -499,6 +505,22 @@ pub(super) mod tests {
             let shared = touch.sigma[5].powi(2) * (1.728f32 / 2.728).powi(2);
             assert!((touch.ring.shared / shared - 1.0).abs() < 1e-2, "{touch:?}");
         }
+    }
+
+    #[test]
+    fn doubtful_displacements_lean_on_the_usual_contact() {
+        let load = Load { shear: [0.4, 0.0], size: 1.0, point: [1.5, 0.0], used: 0.5 };
+        let found = |error: f32| {
+            let (mut finger, mut state) = (finger(), InverseState::default());
+            finger.error = [error, 0.0];
+            let u = displaced(&load);
+            let touch = (0..12).map(|_| finger.sheared(&mut state, &u, None)).last();
+            touch.unwrap().unwrap().load
+        };
+        let (sure, unsure) = (found(1e-4), found(0.1));
+        assert!((sure.shear[0] - 0.4).abs() < 0.01, "{sure:?}");
+        assert!((0.0..0.3).contains(&unsure.shear[0]), "{unsure:?}");
+        assert!((unsure.normal() - 1.0).abs() < 0.1, "what signals tell stays: {unsure:?}");
     }
 
     #[test]

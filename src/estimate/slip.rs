@@ -96,6 +96,9 @@ const LEAST_NORMAL: f32 = 0.05;
 /// Systematic standard deviation of the friction utilisation. More scans do not reduce it, because
 /// the field's form errs alike in all of them.
 const RING_ERROR: f32 = 0.1;
+/// Its product with the ratio of shear to normal force has at least this error. An error of the field's normal
+/// part is taken for the annulus, the more so the smaller the shear.
+const FORM_ERROR: f32 = 0.01;
 /// Time in seconds that makes a measurement new: a sooner one repeats part of the last.
 const NEW_AFTER: f32 = 1e-3;
 /// Share of such a measurement's information on the utilisation that is new, because measurements
@@ -185,9 +188,10 @@ impl Slip {
         let start = [1.0 / usual.clamp(FRICTION[0], FRICTION[1]), spread * spread];
         let [mut inverse, variance] = state.known.unwrap_or(start);
         let variance = at_most(variance + WANDER * elapsed, spread * spread);
-        // The systematic errors are the same in all scans, so that a friction known better learns
+        // Systematic errors are the same in all scans, so that a friction known better learns
         // nothing.
-        let unsure = ratio * ratio * variance > RING_ERROR * RING_ERROR + ring.shared;
+        let (square, form) = (ratio * ratio, FORM_ERROR * FORM_ERROR);
+        let unsure = square * (square * variance - RING_ERROR * RING_ERROR - ring.shared) > form;
         let new = at_most(elapsed / NEW_AFTER, 1.0);
         let seen = if slides && ratio > FRICTION[0] {
             let weight = new / (SLIDE_ERROR * SLIDE_ERROR);
@@ -343,8 +347,21 @@ mod tests {
             let found = (0..500).map(|_| slip().judge(&mut state, &held, SCAN).unwrap().friction);
             found.last().unwrap()
         };
-        assert!(friction(0.0) < 0.4, "noise alone averages: {}", friction(0.0));
+        assert!(friction(0.0) < 0.5, "noise alone averages: {}", friction(0.0));
         assert_eq!(friction(0.08), 0.8);
+    }
+
+    #[test]
+    fn small_shear_teaches_no_friction() {
+        let friction = |ratio: f32| {
+            let mut state = SlipState::default();
+            let ring = Some(FrictionUtilisation { weight: 10.0, moment: 10.0, shared: 0.0 });
+            let held = Traction { shear: [ratio, 0.0], normal: 1.0, ring, ..Traction::default() };
+            let found = (0..500).map(|_| slip().judge(&mut state, &held, SCAN).unwrap().friction);
+            found.last().unwrap()
+        };
+        assert_eq!(friction(0.08), 0.8);
+        assert!(friction(0.2) < 0.4, "{}", friction(0.2));
     }
 
     #[test]

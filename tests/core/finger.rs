@@ -6,6 +6,7 @@ use taxel::calibration::Calibration;
 use taxel::condition::{LowPass, PER_KELVIN};
 use taxel::estimate::Force;
 use taxel::estimate::contact_point::PointMethod;
+use taxel::estimate::inverse::Inverse;
 use taxel::estimate::quantised::{Net, QuantisedNet};
 use taxel::finger::{Estimate, Finger, FingerState};
 use taxel::frame::Status;
@@ -206,6 +207,12 @@ fn signal_out_of_range_is_not_extrapolated() {
     let estimate = settled(&finger, &mut state, &pressed(0, 6, 39_000));
     assert_eq!(estimate.force, Force::none(NoValue::OutOfTrainedRange));
     assert!(estimate.status.contains(Status::OUT_OF_RANGE));
+    assert!(estimate.point.is_ok(), "the centroid needs no calibration");
+    // A finger that knows its places to a tenth of a millimetre gives none from the centroid.
+    let record = Calibration { model: Some(Inverse::default()), ..calibration() };
+    let (finger, mut state) = Finger::new(Some(record));
+    let estimate = settled(&finger, &mut state, &pressed(0, 6, 39_000));
+    assert_eq!(estimate.point, Err(NoValue::OutOfTrainedRange));
 }
 
 #[test]

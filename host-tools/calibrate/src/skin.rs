@@ -89,19 +89,24 @@ pub(crate) fn fit(
             let own: Vec<Vec<Row>> = own;
             let part = format!("model of the skin, half {} left out", 2 - half);
             let half = inverse::fit(&part, &own, (known, Some(&whole)), progress, stop)?;
-            Ok::<_, FitError>((
-                judge(&half.model, &own, labels),
-                judge(&half.model, &other, labels),
-            ))
+            Ok::<_, FitError>((half.model, own, other))
         });
         // Stopped, or too few rows for a half: the error of the fit stands.
-        if let [Ok((own, other)), Ok((own_2, other_2))] = halves {
-            let (own, other) = (own.with(own_2), other.with(other_2));
+        if let [Ok(one), Ok(two)] = halves {
+            let mut halves = [one, two];
+            let over = |halves: &[(Inverse, Vec<_>, Vec<_>); 2], part: fn(&_) -> &Vec<_>| {
+                let [one, two] = halves.each_ref().map(|half| judge(&half.0, part(half), labels));
+                one.with(two)
+            };
+            let (own, other) = (over(&halves, |half| &half.1), over(&halves, |half| &half.2));
             let wider = f64::max(other.misfit() / own.misfit(), other.beyond_stated());
             let wider = wider.clamp(1.0, WIDEST) as f32;
-            model.error[0] *= wider;
-            model.error[1] = (model.error[1] * wider).min(0.99);
-            judged = other;
+            // A wider error leans more on the usual contact, so that the errors are others.
+            for model in halves.iter_mut().map(|half| &mut half.0).chain([&mut model]) {
+                let [floor, share] = model.error;
+                model.error = [floor * wider, (share * wider).min(0.99)];
+            }
+            judged = over(&halves, |half| &half.2);
         }
     }
     let residual = judged.force();
