@@ -311,14 +311,9 @@ impl Inverse {
             squares += left * left;
             normal.add(&row, left);
         }
-        let held = square(error / FARTHEST);
-        normal.damp(&[0.0, held, held]);
-        let unseen = normal.right;
-        let [x, y] = load.point;
-        normal.right[1] -= held * x;
-        normal.right[2] -= held * y;
+        normal.damp(&[0.0, square(error / FARTHEST), square(error / FARTHEST)]);
         let ([ds, dx, dy], [vs, vx, vy]) = normal.solve()?;
-        let left = squares - ds * unseen[0] - dx * unseen[1] - dy * unseen[2];
+        let left = squares - ds * normal.right[0] - dx * normal.right[1] - dy * normal.right[2];
         load.shear = [0.0; 2];
         load.used = USED[0];
         load.advance(ds, [dx, dy]);
@@ -350,11 +345,9 @@ impl Inverse {
         let (placed, prior) = (square(error / FARTHEST), square(error / spread));
         normal.damp(&[pulled, pulled, 0.0, placed, placed, prior]);
         let unseen = normal.right;
-        let ([fx, fy], [x, y]) = (load.shear, load.point);
+        let [fx, fy] = load.shear;
         normal.right[0] -= pulled * fx;
         normal.right[1] -= pulled * fy;
-        normal.right[3] -= placed * x;
-        normal.right[4] -= placed * y;
         normal.right[5] += prior * (usual - load.used);
         let (mut step, mut variances) = normal.solve()?;
         let left = unseen.iter().zip(&step).fold(squares, |left, (g, d)| left - g * d);

@@ -96,8 +96,8 @@ const LEAST_NORMAL: f32 = 0.05;
 /// Systematic standard deviation of the friction utilisation. More scans do not reduce it, because
 /// the field's form errs alike in all of them.
 const RING_ERROR: f32 = 0.1;
-/// Its product with the ratio of shear to normal force has at least this error. An error of the field's normal
-/// part is taken for the annulus, the more so the smaller the shear.
+/// Least error of its product with the ratio of shear to normal force. An error of the field's
+/// normal part is taken for the annulus, the more so the smaller the shear.
 const FORM_ERROR: f32 = 0.01;
 /// Time in seconds that makes a measurement new: a sooner one repeats part of the last.
 const NEW_AFTER: f32 = 1e-3;

@@ -115,9 +115,9 @@ impl OpticalInput<'_> {
             (Ok(()), Some(model)) => Some(self.model(model, state, status)),
             _ => None,
         };
-        // A position that the model cannot tell is not left to a worse method, except for faults.
-        let beyond = force == Err(NoValue::OutOfTrainedRange) && model.is_some();
-        let placed = modelled.is_some() || beyond;
+        // A position that the model cannot tell is not left to a worse method, except for dead
+        // taxels, which the centroid does without.
+        let placed = model.is_some() && !matches!(force, Err(NoValue::DeadChannel));
         let mut optical = match (force, modelled) {
             (Err(reason), _) => OpticalEstimate::nothing(reason),
             (Ok(()), Some(optical)) if self.method == PointMethod::Model => optical,
