@@ -366,11 +366,9 @@ impl Inverse {
         let mut sigma = variances.map(|variance| wide * sqrt(variance));
         sigma[2] *= 3.0 * load.size * load.size;
         let variance = sigma[5] * sigma[5];
-        let [floor, _] = self.error;
-        let ring = FrictionUtilisation {
-            shared: variance * square((error - floor) / error),
-            ..FrictionUtilisation::of(load.used, variance)
-        };
+        let [_, share] = self.error;
+        let mut ring = FrictionUtilisation::of(load.used, variance);
+        ring.shared = variance * square(share * load.normal() / error);
         Some(ContactFit { load: *load, sigma, ring, misfit })
     }
 }
@@ -381,9 +379,11 @@ impl Normal<6> {
         let normal = load.normal();
         let weight = error / (pull.sigma * normal);
         let slope = -3.0 * load.size * load.size * weight;
-        let ([rx, ry], [fx, fy]) = (pull.ratio, load.shear);
-        self.add(&[weight, 0.0, rx * slope, 0.0, 0.0, 0.0], weight * (rx * normal - fx));
-        self.add(&[0.0, weight, ry * slope, 0.0, 0.0, 0.0], weight * (ry * normal - fy));
+        for (axis, (ratio, force)) in pull.ratio.iter().zip(load.shear).enumerate() {
+            let along = |of: usize| if of == axis { weight } else { 0.0 };
+            let row = [along(0), along(1), ratio * slope, 0.0, 0.0, 0.0];
+            self.add(&row, weight * (ratio * normal - force));
+        }
         self
     }
 }
@@ -494,7 +494,7 @@ pub(super) mod tests {
             let load = Load { shear: [0.9, 0.0], size: 1.2, point: [0.3, -0.2], used };
             let touch = settled(&displaced(&load));
             assert!((touch.load.used - used).abs() < 0.05, "{used}: {touch:?}");
-            // Of 2e-4 + 2e-4 · 1.2³ mm the second part is the model's.
+            // The second part of 2e-4 + 2e-4 · 1.2³ mm is the model's.
             let shared = touch.sigma[5].powi(2) * (1.728f32 / 2.728).powi(2);
             assert!((touch.ring.shared / shared - 1.0).abs() < 1e-2, "{touch:?}");
         }
