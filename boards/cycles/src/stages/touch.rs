@@ -160,7 +160,7 @@ fn slip_stages(signals: impl Iterator<Item = Signals> + Clone, meter: &mut impl 
         normal: 1.0,
         torsion: 0.02 * f32::from(i),
         sigma: [0.005, 0.01],
-        ring: Some(FrictionUtilisation { weight: 19.0, moment: 9.5, shared: 0.0 }),
+        ring: Some(FrictionUtilisation { weight: 19.0, moment: 9.5 }),
         ..Traction::default()
     });
     let mut finger = (Slip::usual(0.5), SlipState::default());
