@@ -66,6 +66,7 @@ fn agree(board: Model, frame: u32, [flashed, ideal]: [Rows; 2]) {
         let most = most.unwrap_or_else(|| panic!("{row}: how much it may take at most"));
         let share = 100.0 * f64::from(ideal) / f64::from(frame);
         assert!(share < most, "{row}: {share:.1} % of a frame, at most {most}");
+        assert!(flashed < frame, "{row}: {flashed} cycles with wait states, a frame has {frame}");
     }
 }
 
