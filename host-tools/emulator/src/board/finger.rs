@@ -13,10 +13,12 @@ use super::time::{HZ, Tick};
 ///
 /// It is the rise time of 7 µs (10 to 90 %) over ln 9.
 const PHOTOTRANSISTOR_S: f64 = 7.0e-6 / 2.197_224_577;
-/// Time constant of an amplifier at a gain of 16, seconds.
+/// Time constant of an amplifier at a gain of 1, seconds.
 ///
 /// The amplifier's bandwidth is 7 MHz (DS12589 table 88).
-const AMPLIFIER_S: f64 = 16.0 / (2.0 * std::f64::consts::PI * 7.0e6);
+const AMPLIFIER_S: f64 = 1.0 / (2.0 * std::f64::consts::PI * 7.0e6);
+/// Gain behind which the scene's codes of the midpoints are.
+const SCENE_GAIN: f64 = 16.0;
 /// Top code of a 12-bit converter.
 const TOP: f64 = 4095.0;
 /// Code of the bridges' reference, in the middle of the range.
@@ -52,6 +54,24 @@ pub enum Source {
     Temperature,
     /// Voltage reference of the chip.
     Reference,
+}
+
+/// Gain of an amplifier.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gain {
+    /// Ratio of output to input.
+    pub times: f64,
+    /// Whether it amplifies about the bridges' bias instead of ground.
+    pub biased: bool,
+}
+
+impl Gain {
+    /// Output for a midpoint that has this code in the scene, about the bias `bias`.
+    fn of(self, code: f64, bias: f64) -> f64 {
+        let about = if self.biased { bias } else { 0.0 };
+        let input = bias + (code - bias) / SCENE_GAIN;
+        (about + self.times * (input - about)).clamp(0.0, TOP)
+    }
 }
 
 /// Voltage in codes that follows another with a time constant.
@@ -129,7 +149,8 @@ pub struct Finger {
     select: usize,
     columns: [Settling; 4],
     amplifiers: [Settling; 2],
-    amplified: [Option<usize>; 2],
+    /// Midpoints that the amplifiers amplify.
+    amplified: [Option<(usize, Gain)>; 2],
     /// Voltage on the amplifiers' bias pin, in codes.
     pub bias: f64,
     /// Impedance of a column in ohms: the resistor between its amplifier and the pin.
@@ -166,7 +187,7 @@ impl Finger {
             rows: 0,
             select: 0,
             columns: [Settling::new(PHOTOTRANSISTOR_S); 4],
-            amplifiers: [Settling::new(AMPLIFIER_S); 2],
+            amplifiers: [Settling::new(AMPLIFIER_S * SCENE_GAIN); 2],
             amplified: [None; 2],
             bias: BIAS,
             column_ohm: REFERENCE.column.pin_ohm,
@@ -296,19 +317,20 @@ impl Finger {
 
     fn bridge(&mut self, now: Tick) {
         for i in 0..self.amplifiers.len() {
-            if let Some(midpoint) = self.amplified[i] {
-                let code = self.connected(midpoint);
+            if let Some((midpoint, gain)) = self.amplified[i] {
+                let code = gain.of(self.connected(midpoint), self.bias);
                 self.amplifiers[i].turn(code, now);
             }
         }
     }
 
     /// Records that an amplifier is connected to `pin`.
-    pub fn amplify(&mut self, amplifier: usize, pin: &str, now: Tick) {
+    pub fn amplify(&mut self, amplifier: usize, pin: &str, gain: Gain, now: Tick) {
         let before = self.amplified[amplifier];
-        self.amplified[amplifier] = self.midpoint(pin);
-        if let Some(midpoint) =
-            self.amplified[amplifier].filter(|_| self.amplified[amplifier] != before)
+        self.amplified[amplifier] = self.midpoint(pin).map(|midpoint| (midpoint, gain));
+        self.amplifiers[amplifier].seconds = AMPLIFIER_S * gain.times;
+        if let Some((midpoint, _)) = self.amplified[amplifier]
+            && before.map(|(midpoint, _)| midpoint) != Some(midpoint)
         {
             self.note(now, Moment::Turn(amplifier, midpoint % 2));
         }
@@ -366,7 +388,7 @@ impl Finger {
             }
             Source::Amplifier(which) => {
                 let code = code(self.amplifiers[which].at(now));
-                if let Some(midpoint) = self.amplified[which] {
+                if let Some((midpoint, _)) = self.amplified[which] {
                     self.bridge_sample(midpoint, code);
                 }
                 code

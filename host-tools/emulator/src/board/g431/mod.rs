@@ -14,10 +14,10 @@ mod wires;
 
 use stm32_metapac::adccommon::regs::Ccr;
 
-use super::Outcome;
+use super::{Outcome, UNMODELLED};
 use super::cells::Flash as Changed;
 use super::chip::{Cause, Chip, Common, EventSource, Map, Memory, PRIVATE};
-use super::finger::{Finger, Moment, Source, Wiring};
+use super::finger::{Finger, Gain, Moment, Source, Wiring};
 use super::host::Host;
 use super::stored::StoredRegisters;
 use super::system;
@@ -147,7 +147,9 @@ pub struct G431 {
     names: Names,
     units: Vec<Place>,
     adc_pads: [Vec<Option<Pad>>; 2],
+    /// Inputs of the amplifiers, and their pins for a bias.
     opamp_pads: [Vec<Option<Pad>>; 2],
+    bias_pads: [Vec<Option<Pad>>; 2],
     lines: Lines,
     requests: Requests,
     rcc: Rcc,
@@ -254,6 +256,7 @@ impl G431 {
             units,
             adc_pads: ADCS.map(|name| pads(name, "IN", 20)),
             opamp_pads: OPAMPS.map(|(name, _)| pads(name, "VINP", 4)),
+            bias_pads: OPAMPS.map(|(name, _)| pads(name, "VINM", 1)),
             lines: Lines {
                 usb: interrupt("USB_LP"),
                 adc: interrupt("ADC1_2"),
@@ -297,29 +300,34 @@ impl G431 {
     /// Updates the amplifiers' inputs, which TIM1 switches.
     pub(super) fn turn_amplifiers(&mut self, now: Tick) {
         for i in 0..OPAMPS.len() {
-            if let Ok(pin) = self.amplified(i, now) {
-                self.common.finger.amplify(i, pin, now);
+            if let Ok((pin, gain)) = self.amplified(i, now) {
+                self.common.finger.amplify(i, pin, gain, now);
             }
         }
     }
 
-    /// Pin that an amplifier amplifies; an error if it does not reach the ADC.
-    fn amplified(&self, i: usize, now: Tick) -> Outcome<&'static str> {
+    /// Pin that an amplifier amplifies, and its gain; an error if it does not reach the ADC.
+    fn amplified(&self, i: usize, now: Tick) -> Outcome<(&'static str, Gain)> {
         let (csr, tcmr) = (self.opamp[i].read(0x00)?, self.opamp[i].read(0x18)?);
         let name = OPAMPS[i].0;
         // OPAEN; VM_SEL: PGA; OPAINTOEN.
         if csr & 1 == 0 || csr >> 5 & 3 != 2 || csr >> 8 & 1 == 0 {
             return Err(format!("{name} is off, without its PGA, or does not reach the ADC"));
         }
-        // PGA_GAIN: 16 about the bias on VINM0; the finger's midpoints are scaled for that.
-        if csr >> 14 & 0x1f != 0b01011 {
-            return Err(format!("{name} does not amplify 16 times about the bridges' bias"));
+        // PGA_GAIN: 2 to 64, without or with a bias on VINM0. The modes with a filter are not modelled.
+        let (times, biased) = (csr >> 14 & 7, csr >> 17 & 1 == 1);
+        if times > 5 || csr >> 18 & 1 == 1 {
+            return Err(format!("{name}: PGA_GAIN is reserved or {UNMODELLED}"));
+        }
+        if biased {
+            self.pin(name, self.bias_pads[i].first())?;
         }
         // T1CM_EN
         let turned =
             tcmr >> 3 & 1 == 1 && self.common.tim1.is_driven(5) && self.common.tim1.output(5, now);
         let select = if turned { tcmr >> 1 & 3 } else { csr >> 2 & 3 };
-        self.pin(name, self.opamp_pads[i].get(select as usize))
+        let pin = self.pin(name, self.opamp_pads[i].get(select as usize))?;
+        Ok((pin, Gain { times: f64::from(2 << times), biased }))
     }
 
     /// Pin of an input; an error if the pin is not analogue.

@@ -324,6 +324,22 @@ fn amplifier_multiplies_a_midpoint() {
 }
 
 #[test]
+fn wrong_gain_of_the_amplifier_shows_in_the_code() {
+    let code = |gain: u32| {
+        let mut driver = with_amplifier();
+        driver.write(g4::OPAMP2_CSR, AMPLIFIES & !(0x1f << 14) | gain << 14);
+        driver.wait(micros(30));
+        start(&mut driver, g4::ADC2, g4::ADSTART);
+        driver.wait(15 * CYCLE);
+        driver.read(g4::ADC2 + g4::DR)
+    };
+    // 2, 4, 8, 16, 32 and 64 times about a bias of 2048: at 16 times the midpoint is 1000.
+    assert_eq!([8, 9, 10, 11, 12, 13].map(code), [1917, 1786, 1524, 1000, 0, 0]);
+    // Without the bias: from ground.
+    assert_eq!([0, 3].map(code), [3965, 4095]);
+}
+
+#[test]
 fn amplifier_must_be_awake_and_set_up() {
     let refused = |csr: u32, time: Tick| {
         let mut driver = with_amplifier();
@@ -338,9 +354,17 @@ fn amplifier_must_be_awake_and_set_up() {
     assert!(off.contains("OPAMP2 is off"), "{off}");
     let outside = refused(AMPLIFIES & !(1 << 8), micros(10));
     assert!(outside.contains("does not reach the ADC"), "{outside}");
-    // 64 times, and 16 times without a bias.
-    for gain in [0b01101, 0b00011] {
+    // The pin of the bias, PA5, as an input.
+    let mut driver = with_amplifier();
+    driver.write(g4::OPAMP2_CSR, AMPLIFIES);
+    driver.write(g4::GPIOA_MODER, 0xabff_f3ff);
+    driver.wait(micros(10));
+    start(&mut driver, g4::ADC2, g4::ADSTART);
+    let digital = driver.wait_or_stop(15 * CYCLE).unwrap_err();
+    assert!(digital.contains("OPAMP2's input PA5 is not set to analogue"), "{digital}");
+    // A reserved gain, and 16 times with a filter.
+    for gain in [0b01110, 0b10011] {
         let wrong = refused(AMPLIFIES & !(0x1f << 14) | gain << 14, micros(10));
-        assert!(wrong.contains("OPAMP2 does not amplify 16 times"), "{wrong}");
+        assert!(wrong.contains("OPAMP2: PGA_GAIN is reserved or not modelled"), "{wrong}");
     }
 }
