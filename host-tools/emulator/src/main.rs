@@ -170,8 +170,8 @@ fn inject(arguments: &Faults) -> Result<()> {
         println!("{}", row.line());
         rows.push(row);
     }
-    let [caught, all, refused] = faults::table::score(&rows);
-    println!("{caught} of {all} faults caught, {refused} of them by refusal");
+    let [killed, refused, unnoticed] = faults::table::score(&rows);
+    println!("faults: {killed} killed, {refused} refused, {unnoticed} unnoticed");
     if let Some(path) = &arguments.csv {
         write(path, faults::table::csv(&rows).as_bytes())?;
     }

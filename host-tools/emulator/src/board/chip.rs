@@ -3,7 +3,7 @@
 //! Shared are the core's own peripherals, ports, two timers, the watchdog and the connected parts.
 //! Clocks, flash, converters, DMA and USB belong to each chip.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, HashMap};
 
 use super::Outcome;
 use super::cells::Flash;
@@ -111,8 +111,6 @@ pub struct Written {
 pub struct Writes {
     /// Writes by address.
     pub by_address: BTreeMap<u32, Written>,
-    /// Addresses of all accesses, by blocks of 256 bytes.
-    pub accessed: BTreeSet<u32>,
     /// Injected fault: address, number of the write, and bits that it inverts.
     pub fault: Option<(u32, u32, u32)>,
 }
@@ -120,7 +118,6 @@ pub struct Writes {
 impl Writes {
     /// Records a write; returns the value that reaches the register.
     fn pass(&mut self, address: u32, size: u32, value: u32) -> u32 {
-        self.accessed.insert(address >> 8);
         let written = self.by_address.entry(address).or_default();
         (written.times, written.last) = (written.times + 1, (size, value));
         match self.fault {
@@ -220,11 +217,6 @@ impl Common {
         self.iwdg.longest(now)
     }
 
-    /// MODER, OTYPER and PUPDR of ports A to C, which have the finger's pins.
-    pub fn pins(&self) -> Vec<[u32; 3]> {
-        self.ports.iter().take(3).map(Gpio::modes).collect()
-    }
-
     /// Takes the cause of a pending reset.
     pub fn take_reset(&mut self) -> Option<Cause> {
         if std::mem::take(&mut self.bitten) {
@@ -289,12 +281,6 @@ impl Common {
             self.finger.scanned_anew(now);
         }
         Ok(())
-    }
-
-    /// Whether something in `bytes` bytes from `base` on was accessed, if that is recorded.
-    pub(super) fn is_accessed(&self, base: u32, bytes: u32) -> bool {
-        let blocks = base >> 8..(base + bytes) >> 8;
-        self.writes.as_ref().is_some_and(|writes| writes.accessed.range(blocks).next().is_some())
     }
 
     /// Fails if the peripheral with this clock enable is accessed right after it.
@@ -364,8 +350,6 @@ pub trait Chip {
     fn read_register(&mut self, address: u32, size: u32, now: (Tick, u32)) -> Outcome<u32>;
     /// Writes a register; `now` is the time and the core's cycle count.
     fn write_register(&mut self, address: u32, size: u32, value: u32, now: (Tick, u32)) -> Outcome;
-    /// Resets that are set, and clock enables of peripherals without an access, if that is recorded.
-    fn idle_clocks(&self) -> Vec<String>;
     /// Readable name of a register.
     fn name(&self, address: u32) -> String;
     /// Registers that the ROM's bootloader leaves changed, in the order of their writes.
@@ -412,9 +396,6 @@ pub trait Chip {
     /// # Errors
     /// Name of the register, and the reason why it cannot be read.
     fn read(&mut self, address: u32, size: u32, now: (Tick, u32)) -> Outcome<u32> {
-        if let Some(writes) = &mut self.common_mut().writes {
-            writes.accessed.insert(address >> 8);
-        }
         self.read_register(address, size, now)
             .map_err(|why| format!("read of {}: {why}", self.name(address)))
     }

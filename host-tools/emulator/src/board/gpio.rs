@@ -27,11 +27,6 @@ impl Gpio {
         self.moder >> (2 * pin) & 3 == 3
     }
 
-    /// MODER, OTYPER and PUPDR.
-    pub fn modes(&self) -> [u32; 3] {
-        [self.moder, self.other[0], self.other[2]]
-    }
-
     /// Whether a pin has a pull-up or pull-down.
     pub fn is_pulled(&self, pin: u32) -> bool {
         self.other[2] >> (2 * pin) & 3 != 0

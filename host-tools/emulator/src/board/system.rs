@@ -130,11 +130,6 @@ impl System {
         Self::set_bits(self.taken >> FIRST)
     }
 
-    /// Interrupts that are enabled.
-    pub fn enabled(&self) -> impl Iterator<Item = usize> {
-        Self::set_bits(self.enabled >> FIRST)
-    }
-
     /// Whether an enabled exception is pending, masked or not.
     pub fn is_waiting(&self) -> bool {
         self.pending & self.enabled != 0

@@ -1,6 +1,6 @@
 //! Verdicts of all faults as CSV, and the survivors as a table on the board's page.
 
-use super::{Campaign, REFUSAL, Register, Verdict};
+use super::{Campaign, Register, Verdict};
 use crate::board::model::Model;
 
 /// Lines around the generated part of a page.
@@ -22,7 +22,7 @@ pub struct Row {
     pub bits: u32,
     /// Bits whose fault passes unnoticed.
     pub survivors: u32,
-    /// Bits whose fault is caught because the emulator has no model of it.
+    /// Bits whose fault the emulator refuses, for it has no model of it.
     pub refused: u32,
 }
 
@@ -34,7 +34,7 @@ impl Row {
         for bit in register.bits() {
             match campaign.judge(register, 1 << bit) {
                 Verdict::Survived => survivors |= 1 << bit,
-                Verdict::Killed(REFUSAL, _) => refused |= 1 << bit,
+                Verdict::Refused(_) => refused |= 1 << bit,
                 Verdict::Killed(..) => {}
             }
         }
@@ -58,11 +58,18 @@ impl Row {
     }
 }
 
-/// Number of faults that are caught, of all, and of those that are caught by refusal.
+/// Numbers of faults that are killed, refused, and unnoticed.
 pub fn score(rows: &[Row]) -> [u32; 3] {
     let sum = |of: fn(&Row) -> u32| rows.iter().map(|row| of(row).count_ones()).sum::<u32>();
-    let [all, survivors] = [sum(|row| row.bits), sum(|row| row.survivors)];
-    [all - survivors, all, sum(|row| row.refused)]
+    let [refused, survivors] = [sum(|row| row.refused), sum(|row| row.survivors)];
+    [sum(|row| row.bits) - refused - survivors, refused, survivors]
+}
+
+/// Shares of the faults that are killed, refused, and unnoticed, in per cent.
+pub fn shares(rows: &[Row]) -> [f64; 3] {
+    let score = score(rows);
+    let all: u32 = score.iter().sum();
+    score.map(|part| 100.0 * f64::from(part) / f64::from(all.max(1)))
 }
 
 /// Table as CSV.
@@ -104,17 +111,16 @@ fn list(board: Model, rows: &[Row]) -> String {
         Model::G473 => "STM32G473CETx",
         Model::F411 => "STM32F411CEUx",
     };
-    let [caught, all, refused] = score(rows);
-    let share = |part: u32, whole: u32| 100.0 * f64::from(part) / f64::from(whole.max(1));
+    let ([killed, refused, survivors], shares) = (score(rows), shares(rows));
     let mut text = format!(
-        "{caught} of {all} faults are caught, {:.1} %. Of those, {refused} ({:.0} %) are caught only because the emulator\n\
-         has no model of what the bit does or points to, and stops: on silicon it may do harm or nothing. The rest of the\n\
-         caught, {:.1} % of all, show in what the board does or break a rule of the reference manual. Those that are not\n\
-         caught:\n\n\
+        "Of {} faults, {killed} ({:.1} %) are killed: they show in what the board does, or break a rule of the reference\n\
+         manual. {refused} ({:.1} %) are refused: the emulator has no model of what the bit does or points to, and stops. On\n\
+         silicon those may do harm or nothing. {survivors} ({:.1} %) pass unnoticed:\n\n\
          | register | bits | on the bench, while it streams | expected of these bits |\n|---|---|---|---|\n",
-        share(caught, all),
-        share(refused, caught),
-        share(caught - refused, all)
+        killed + refused + survivors,
+        shares[0],
+        shares[1],
+        shares[2]
     );
     for row in rows.iter().filter(|row| row.survivors != 0) {
         let Row { register, address, bytes, value, survivors, .. } = row;
@@ -158,7 +164,8 @@ mod tests {
     fn table_reads_back_as_written() {
         assert_eq!(read(&csv(&[row()])), Some(vec![row()]));
         assert_eq!(read("register\nTIM1.CR2,16\n"), None);
-        assert_eq!(score(&[row(), row()]), [10, 16, 2]);
+        assert_eq!(score(&[row(), row()]), [8, 2, 6]);
+        assert_eq!(shares(&[row(), row()]), [50.0, 12.5, 37.5]);
     }
 
     #[test]
@@ -166,9 +173,7 @@ mod tests {
         let page = drawn("a\n<!-- faults -->\nold\n<!-- faults: end -->\nb", Model::G431, &[row()]);
         let page = page.unwrap();
         assert!(
-            page.starts_with(
-                "a\n<!-- faults -->\n5 of 8 faults are caught, 62.5 %. Of those, 1 (20 %)"
-            ),
+            page.starts_with("a\n<!-- faults -->\nOf 8 faults, 4 (50.0 %) are killed: they show"),
             "{page}"
         );
         assert!(

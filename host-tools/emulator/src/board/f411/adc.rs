@@ -166,7 +166,7 @@ impl Adc {
                 continue;
             }
             if self.run.is_some() {
-                return Err(format!("{source} during a conversion"));
+                return Err(format!("{source} during a conversion, which is {UNMODELLED}"));
             }
             if now < self.stable {
                 return Err(format!("{source} before the ADC is stable"));

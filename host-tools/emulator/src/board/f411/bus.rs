@@ -153,7 +153,7 @@ impl F411 {
                 // ADCPRE: PCLK2/4. ADON.
                 let common = self.kept.adc_common.read(0x04)?;
                 if common >> 16 & 3 != 1 && offset == 0x08 && value & 1 == 1 {
-                    return Err("the ADC's clock is not PCLK2/4".into());
+                    return Err(format!("the ADC's clock is not PCLK2/4: others are {UNMODELLED}"));
                 }
                 self.adc.write(offset, value, now, 4 * hclk)
             }

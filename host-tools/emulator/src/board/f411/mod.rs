@@ -205,7 +205,7 @@ impl F411 {
             REFERENCE if internal => Ok(Source::Reference),
             _ => {
                 let (name, port, number) =
-                    *INPUTS.get(input as usize).ok_or("no such input, or TSVREFE is off")?;
+                    *INPUTS.get(input as usize).ok_or("an input without a pin, not modelled")?;
                 self.common.analogue("ADC1", name, port, number).map(Source::Pin)
             }
         }
@@ -291,15 +291,6 @@ impl Chip for F411 {
 
     fn left_by_bootloader(&self) -> &'static [(u32, u32)] {
         &LEFT_BY_BOOTLOADER
-    }
-
-    fn idle_clocks(&self) -> Vec<String> {
-        let used = registers::PERIPHERALS
-            .iter()
-            .filter(|its| self.common.is_accessed(its.base, its.bytes));
-        let used: Vec<_> = used.filter_map(|its| its.clock).collect();
-        let idle = self.rcc.clocks().filter(|clock| !used.contains(clock));
-        idle.map(|(register, place)| format!("RCC + {register:#x}, bit {place}")).collect()
     }
 
     fn name(&self, address: u32) -> String {

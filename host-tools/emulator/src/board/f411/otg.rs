@@ -282,7 +282,7 @@ impl Otg {
             GAHBCFG => self.gahbcfg = value,
             // FHMOD must not be set; FDMOD must.
             GUSBCFG if value >> 29 & 3 != 2 => {
-                return Err("device mode is not forced (FDMOD)".into());
+                return Err("device mode is not forced (FDMOD); the ID pin is not modelled".into());
             }
             GUSBCFG => self.gusbcfg = value,
             GRSTCTL => return self.flush(value),
@@ -326,7 +326,7 @@ impl Otg {
         let mut end = self.grxfsiz;
         for fifo in self.dieptxf.iter().filter(|fifo| **fifo != UNPLACED) {
             let (start, words) = (fifo & 0xffff, fifo >> 16);
-            if start != end {
+            if start < end {
                 return Err(format!(
                     "OTG_FS: a FIFO begins at {start}, the one before ends at {end}"
                 ));

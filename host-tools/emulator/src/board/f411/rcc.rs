@@ -113,14 +113,6 @@ impl Rcc {
         self.register(offset) >> place & 1 == 1
     }
 
-    /// Clock enables and resets that are set: offset of the register, and bit.
-    pub fn clocks(&self) -> impl Iterator<Item = (u32, u32)> {
-        let bits = [0x10, 0x14, 0x20, 0x24, 0x30, 0x34, 0x40, 0x44]
-            .into_iter()
-            .flat_map(|at| (0..32).map(move |bit| (at, bit)));
-        bits.filter(|(at, bit)| self.register(*at) >> bit & 1 == 1)
-    }
-
     /// Reads the register at `offset`.
     pub fn read(&self, offset: u32, now: Tick) -> Outcome<u32> {
         let value = self.registers.get(offset as usize / 4).ok_or(UNMODELLED)?;

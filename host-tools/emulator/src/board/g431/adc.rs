@@ -183,7 +183,7 @@ impl Adc {
                 return Err("trigger on falling edges, which is not modelled".into());
             }
             if self.regular.is_some() || self.injected.is_some() {
-                return Err(format!("{source} during a conversion"));
+                return Err(format!("{source} during a conversion, which is {UNMODELLED}"));
             }
             self.begin(group, now + self.cycle * LATENCY_EIGHTHS / 8);
             starts = true;

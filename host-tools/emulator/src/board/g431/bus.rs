@@ -36,13 +36,15 @@ impl G431 {
         Ok(())
     }
 
-    /// Whether the clock recovery trims HSI48 by the host's frames (RM0440 §8).
+    /// Whether the clock recovery trims HSI48 to 48 MHz by the host's frames (RM0440 §8).
     fn is_trimmed(&self) -> bool {
         let crs = self.stored.iter().find(|(name, _)| *name == "CRS").map(|(_, crs)| crs);
         let [cr, cfgr] =
             [0x00, 0x04].map(|at| crs.and_then(|crs| crs.read(at).ok()).unwrap_or_default());
-        // CEN and AUTOTRIMEN; USB's start of frame, the reset value of the limit, 48 000 cycles a frame.
-        cr & 0x60 == 0x60 && cfgr == 2 << 28 | 0x22 << 16 | 47_999
+        // RELOAD is the number of cycles, less one, in a frame or in 2 to the power of SYNCDIV of them.
+        let hz = (((cfgr & 0xffff) + 1) * 1_000) >> (cfgr >> 24 & 7);
+        // CEN and AUTOTRIMEN; USB's start of frame. A full-speed device has 0.25 % (USB 2.0 §7.1.11).
+        cr & 0x60 == 0x60 && cfgr >> 28 & 3 == 2 && hz.abs_diff(48_000_000) <= 120_000
     }
 
     /// Resets the peripherals named by a write to RCC's reset register at `offset`.
@@ -177,7 +179,7 @@ impl G431 {
                     && offset == 0x08
                     && value & 0x8000_0001 != 0
                 {
-                    return Err("the ADC's clock is not HCLK/4".into());
+                    return Err(format!("the ADC's clock is not HCLK/4: others are {UNMODELLED}"));
                 }
                 self.adc[i].write(offset, value, now, 4 * hclk)
             }

@@ -14,7 +14,6 @@ mod wires;
 
 use stm32_metapac::adccommon::regs::Ccr;
 
-use super::{Outcome, UNMODELLED};
 use super::cells::Flash as Changed;
 use super::chip::{Cause, Chip, Common, EventSource, Map, Memory, PRIVATE};
 use super::finger::{Finger, Gain, Moment, Source, Wiring};
@@ -22,6 +21,7 @@ use super::host::Host;
 use super::stored::StoredRegisters;
 use super::system;
 use super::time::{self, Tick};
+use super::{Outcome, UNMODELLED};
 use crate::fetch;
 use adc::Adc;
 use dma::Dma;
@@ -310,16 +310,24 @@ impl G431 {
     fn amplified(&self, i: usize, now: Tick) -> Outcome<(&'static str, Gain)> {
         let (csr, tcmr) = (self.opamp[i].read(0x00)?, self.opamp[i].read(0x18)?);
         let name = OPAMPS[i].0;
-        // OPAEN; VM_SEL: PGA; OPAINTOEN.
-        if csr & 1 == 0 || csr >> 5 & 3 != 2 || csr >> 8 & 1 == 0 {
-            return Err(format!("{name} is off, without its PGA, or does not reach the ADC"));
+        // OPAEN, OPAINTOEN; VM_SEL: PGA, or a follower.
+        if csr & 1 == 0 || csr >> 8 & 1 == 0 {
+            let what = "is off or does not reach the ADC, whose open input is";
+            return Err(format!("{name} {what} {UNMODELLED}"));
         }
+        let follows = match csr >> 5 & 3 {
+            2 => false,
+            3 => true,
+            _ => {
+                return Err(format!("{name}: an external feedback (VM_SEL), which is {UNMODELLED}"));
+            }
+        };
         // PGA_GAIN: 2 to 64, without or with a bias on VINM0. The modes with a filter are not modelled.
         let (times, biased) = (csr >> 14 & 7, csr >> 17 & 1 == 1);
-        if times > 5 || csr >> 18 & 1 == 1 {
+        if !follows && (times > 5 || csr >> 18 & 1 == 1) {
             return Err(format!("{name}: PGA_GAIN is reserved or {UNMODELLED}"));
         }
-        if biased {
+        if biased && !follows {
             self.pin(name, self.bias_pads[i].first())?;
         }
         // T1CM_EN
@@ -327,12 +335,15 @@ impl G431 {
             tcmr >> 3 & 1 == 1 && self.common.tim1.is_driven(5) && self.common.tim1.output(5, now);
         let select = if turned { tcmr >> 1 & 3 } else { csr >> 2 & 3 };
         let pin = self.pin(name, self.opamp_pads[i].get(select as usize))?;
-        Ok((pin, Gain { times: f64::from(2 << times), biased }))
+        let times = if follows { 1.0 } else { f64::from(2 << times) };
+        Ok((pin, Gain { times, biased }))
     }
 
     /// Pin of an input; an error if the pin is not analogue.
     fn pin(&self, of: &str, input: Option<&Option<Pad>>) -> Outcome<&'static str> {
-        let Some(Some(pad)) = input else { return Err(format!("{of} has no such input")) };
+        let Some(Some(pad)) = input else {
+            return Err(format!("{of} has no such input on a pin; others are {UNMODELLED}"));
+        };
         self.common.analogue(of, pad.name, pad.port, pad.number)
     }
 
@@ -473,18 +484,6 @@ impl Chip for G431 {
 
     fn left_by_bootloader(&self) -> &'static [(u32, u32)] {
         &LEFT_BY_BOOTLOADER
-    }
-
-    fn idle_clocks(&self) -> Vec<String> {
-        let used = self.units.iter().filter(|unit| self.common.is_accessed(unit.base, 0x100));
-        let used: Vec<_> = used.filter_map(|unit| unit.enable.as_ref()).collect();
-        self.rcc
-            .clocks()
-            .filter(|(register, place)| {
-                !used.iter().any(|bit| (bit.register, bit.place) == (*register, *place))
-            })
-            .map(|(register, place)| format!("RCC + {register:#x}, bit {place}"))
-            .collect()
     }
 
     fn name(&self, address: u32) -> String {

@@ -115,14 +115,6 @@ impl Rcc {
         self.register(by.register) >> by.place & 1 == 1
     }
 
-    /// Clock enables and resets that are set: offset of the register, and bit.
-    pub fn clocks(&self) -> impl Iterator<Item = (u32, u32)> {
-        let bits = [0x28, 0x2c, 0x30, 0x38, 0x3c, 0x40, 0x48, 0x4c, 0x50, 0x58, 0x5c, 0x60]
-            .into_iter()
-            .flat_map(|at| (0..32).map(move |bit| (at, bit)));
-        bits.filter(|(at, bit)| self.register(*at) >> bit & 1 == 1)
-    }
-
     /// Reads the register at `offset`.
     pub fn read(&self, offset: u32, now: Tick) -> Outcome<u32> {
         let value = self.registers.get(offset as usize / 4).ok_or(UNMODELLED)?;
@@ -136,7 +128,7 @@ impl Rcc {
             CR => {
                 let cr = Cr(value);
                 if cr.hseon() {
-                    return Err("an external crystal, which this board does not have".into());
+                    return Err("an external crystal, which is not modelled".into());
                 }
                 if cr.pllon()
                     && !self.oscillators.is_on(PLL)
