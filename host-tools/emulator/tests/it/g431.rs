@@ -191,6 +191,23 @@ fn wrong_gain_shows_in_the_codes() {
 }
 
 #[test]
+fn dual_mode_starts_both_converters_at_once() {
+    let triggers = |change: fn(u32) -> u32| {
+        let mut board = board(G431, scene(), false);
+        board.chip().plant(base("ADC12_COMMON") + 8, change);
+        board.finger().timing = Some(Vec::new());
+        board.run(micros(20_000)).unwrap();
+        let timing = board.finger().timing.take().unwrap();
+        [0, 1].map(|adc| moments(&timing, |moment| *moment == Moment::Trigger(adc)))
+    };
+    // ADC1's sequence begins behind ADC2's, and with DUAL = 2 together with it.
+    let [first, second] = triggers(|ccr| ccr);
+    let columns: Vec<_> = first.iter().filter(|at| !second.contains(at)).copied().collect();
+    assert!(columns.len() > 100 && second.len() > 100);
+    assert_eq!(triggers(|ccr| ccr | 2)[1][..100], columns[..100]);
+}
+
+#[test]
 fn memory_out_of_reach_stops_the_machine() {
     const CMAR2: u32 = 0x28;
     // The columns' readings go to the CCM SRAM, and into the flash.

@@ -164,12 +164,19 @@ impl Adc {
         runs.chain(self.busy).min()
     }
 
+    /// Edge and source of the regular group's trigger: EXTEN and EXTSEL.
+    pub fn regular_trigger(&self) -> [u32; 2] {
+        [self.cfgr >> 10 & 3, self.cfgr >> 5 & 0x1f]
+    }
+
     /// Handles the rising edge of a trigger; true if it starts a conversion.
-    pub fn trigger(&mut self, source: &str, now: Tick) -> Outcome<bool> {
+    ///
+    /// `regular` is this ADC's [`Self::regular_trigger`], or that of the one which leads it.
+    pub fn trigger(&mut self, source: &str, regular: [u32; 2], now: Tick) -> Outcome<bool> {
         let mut starts = false;
         let cr = Cr(self.cr);
         let jsqr = self.jsqr;
-        let regular = (Group::Regular, cr.adstart(), self.cfgr >> 10 & 3, self.cfgr >> 5 & 0x1f);
+        let regular = (Group::Regular, cr.adstart(), regular[0], regular[1]);
         let injected = (Group::Injected, cr.jadstart(), jsqr >> 7 & 3, jsqr >> 2 & 0x1f);
         for (group, started, edge, select) in [regular, injected] {
             let wanted = self
@@ -332,8 +339,9 @@ impl Adc {
 
     fn control(&mut self, value: u32, now: Tick, cycle: Tick) -> Outcome {
         let (before, mut cr) = (Cr(self.cr), Cr(value));
-        if cr.deeppwd() && before.aden() {
-            return Err("deep power-down while the ADC is enabled".into());
+        // DEEPPWD, ADVREGEN and ADCALDIF (RM0440 §21.7.3).
+        if (value ^ before.0) & 0x7000_0000 != 0 && before.aden() {
+            return Err("power or kind of calibration is changed while the ADC is enabled".into());
         }
         if cr.advregen() && !before.advregen() {
             self.regulator_since = now;

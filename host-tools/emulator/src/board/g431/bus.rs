@@ -183,7 +183,18 @@ impl G431 {
                 }
                 self.adc[i].write(offset, value, now, 4 * hclk)
             }
-            Unit::AdcCommon => self.adc_common.write(offset, value),
+            Unit::AdcCommon => {
+                let (dual, mdma) = (value & 0x1f, value >> 14 & 3);
+                if ![0, 1, 2, 3, 5, 6, 7, 9].contains(&dual) || mdma == 1 {
+                    return Err("a reserved mode (DUAL, MDMA) (RM0440 §21.7.2)".into());
+                }
+                // Simultaneous regular sequences, without a DMA request for both. Without DUAL the
+                // register's DELAY, DMACFG and MDMA have no effect.
+                if ![0, 1, 2, 6].contains(&dual) || dual != 0 && mdma != 0 {
+                    return Err(UNMODELLED.into());
+                }
+                self.adc_common.write(offset, value)
+            }
             Unit::Opamp(i) => {
                 // OPAEN
                 if offset == 0 && self.opamp[i].read(0)? & 1 == 0 && value & 1 == 1 {

@@ -128,6 +128,24 @@ fn start_up_refuses_each_missing_wait() {
 }
 
 #[test]
+fn regulator_stays_on_while_enabled() {
+    // Without ADVREGEN, with DEEPPWD, with ADCALDIF.
+    for value in [g4::ADEN, g4::ADEN | g4::ADVREGEN | 1 << 29, g4::ADEN | g4::ADVREGEN | 1 << 30] {
+        let off = with_sequence(&[1]).refused(g4::ADC + g4::CR, value);
+        assert!(off.contains("changed while the ADC is enabled"), "{off}");
+    }
+}
+
+#[test]
+fn reserved_dual_modes_are_refused() {
+    // DUAL = 4, 8 and 16; MDMA = 1.
+    for bit in [2, 3, 4, 14] {
+        let reserved = g431().refused(g4::CCR, 3 << 16 | 1 << bit);
+        assert!(reserved.contains("a reserved mode (DUAL, MDMA)"), "{reserved}");
+    }
+}
+
+#[test]
 fn clock_must_be_set_first() {
     let mut driver = Driver::new(G431);
     driver.set(g4::AHB2ENR, 1 << 13);
