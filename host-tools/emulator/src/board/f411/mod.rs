@@ -297,6 +297,6 @@ impl Chip for F411 {
         if address >= PRIVATE && registers::peripheral(address).is_none() {
             return system::name(address);
         }
-        registers::name(address)
+        registers::name(address, self.common.registers.get(&(address & !3)))
     }
 }

@@ -322,7 +322,9 @@ impl G431 {
             2 => false,
             3 => true,
             _ => {
-                return Err(format!("{name}: an external feedback (VM_SEL), which is {UNMODELLED}"));
+                return Err(format!(
+                    "{name}: an external feedback (VM_SEL), which is {UNMODELLED}"
+                ));
             }
         };
         // PGA_GAIN: 2 to 64, without or with a bias on VINM0. The modes with a filter are not modelled.
