@@ -93,6 +93,8 @@ pub struct Adc {
     /// End of the last calibration.
     calibrated: Option<Tick>,
     ready: bool,
+    /// Whether the DMA has made its last transfer in one-shot mode.
+    dma_ended: bool,
     /// Period of the ADC's clock.
     cycle: Tick,
     /// Triggers: source, group, and code of EXTSEL or JEXTSEL.
@@ -120,6 +122,7 @@ impl Adc {
             busy: None,
             calibrated: None,
             ready: false,
+            dma_ended: false,
             cycle: 1,
             triggers: triggers.iter().filter_map(trigger).collect(),
         }
@@ -287,9 +290,14 @@ impl Adc {
                 self.dr = sum >> (self.cfgr2 >> 5 & 0xf);
                 self.isr |= 1 << 2 | ended << 3;
                 // An overrun that stands holds the DMA's requests back (§21.4.27).
-                Ok(self.cfgr & 1 == 1 && self.isr & OVR == 0)
+                Ok(self.cfgr & 1 == 1 && !self.dma_ended && self.isr & OVR == 0)
             }
         }
+    }
+
+    /// Records the DMA's last transfer: without DMACFG no request follows (§21.4.27).
+    pub fn end_dma(&mut self) {
+        self.dma_ended = self.cfgr & 2 == 0;
     }
 
     /// Reads the register at `offset`.
@@ -325,7 +333,7 @@ impl Adc {
                 if value & !(1 << 31 | 0xfe3) != 0 {
                     return Err(UNMODELLED.into());
                 }
-                self.cfgr = value;
+                (self.cfgr, self.dma_ended) = (value, false);
             }
             CFGR2 if value & !0x1fd != 0 => return Err(UNMODELLED.into()),
             CFGR2 => self.cfgr2 = value,

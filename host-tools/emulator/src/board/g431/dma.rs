@@ -50,6 +50,13 @@ impl Dma {
             .find(|i| self.requests[*i] & 0x7f == request && self.channels[*i].ccr & 1 == 1)
     }
 
+    /// Whether the channel that serves a request has just made the last transfer of a turn.
+    pub fn has_ended(&self, request: u32) -> bool {
+        self.served_by(request)
+            .map(|i| self.channels[i])
+            .is_some_and(|channel| channel.done == 0 || channel.cndtr == 0)
+    }
+
     /// Next transfer of a channel; `None` if it has none left.
     pub fn take(&mut self, index: usize) -> Outcome<Option<Transfer>> {
         let channel = &mut self.channels[index];

@@ -369,7 +369,11 @@ impl G431 {
         });
         let asks = asks.map_err(|why| format!("{name}: {why}"))?;
         if asks && !self.common.misses(i) {
-            self.serve(self.requests.adc[i], now, memory)?;
+            let request = self.requests.adc[i];
+            self.serve(request, now, memory)?;
+            if self.dma.has_ended(request) {
+                self.adc[i].end_dma();
+            }
         }
         self.common.system.set_line(self.lines.adc, self.adc.iter().any(Adc::interrupt));
         Ok(asks)

@@ -189,6 +189,29 @@ fn unread_result_is_an_overrun() {
 }
 
 #[test]
+fn one_shot_requests_end_with_the_dma_turn() {
+    // DMACFG: one shot, and circular. The DMA goes around after each of two sequences of one.
+    for (dmacfg, taken) in [(0, 0), (1, 100)] {
+        let adc = g4::ADC;
+        let mut driver = with_sequence(&[1]);
+        driver.set(g4::AHB1ENR, 0b101);
+        driver.write(0x4002_0800, 5);
+        driver.write(0x4002_0010, adc + g4::DR);
+        driver.write(0x4002_0014, RAM);
+        driver.write(0x4002_000c, 1);
+        driver.write(0x4002_0008, 1 << 10 | 1 << 8 | 1 << 7 | 1 << 5 | 1);
+        driver.write(adc + g4::CFGR, 1 << 31 | dmacfg << 1 | 1);
+        start(&mut driver, adc, g4::ADSTART);
+        driver.wait(15 * CYCLE);
+        assert_eq!(driver.half(RAM), 100);
+        driver.fill(&[0]);
+        start(&mut driver, adc, g4::ADSTART);
+        driver.wait(15 * CYCLE);
+        assert_eq!(driver.half(RAM), taken);
+    }
+}
+
+#[test]
 fn dma_takes_each_result_until_an_overrun() {
     let adc = g4::ADC;
     let mut driver = with_sequence(&[1, 2, 3]);
