@@ -12,8 +12,8 @@ const SAMPLE: usize = 200;
 /// per cent.
 const fn shares(model: Model) -> [f64; 3] {
     match model {
-        Model::F411 => [50.0, 35.0, 25.0],
-        Model::G431 | Model::G473 => [40.0, 45.0, 15.0],
+        Model::F411 => [43.0, 34.0, 24.0],
+        Model::G431 | Model::G473 => [36.0, 46.0, 19.0],
     }
 }
 

@@ -313,26 +313,20 @@ impl G431 {
     fn amplified(&self, i: usize, now: Tick) -> Outcome<(&'static str, Gain)> {
         let (csr, tcmr) = (self.opamp[i].read(0x00)?, self.opamp[i].read(0x18)?);
         let name = OPAMPS[i].0;
-        // OPAEN, OPAINTOEN; VM_SEL: PGA, or a follower.
+        // OPAEN, OPAINTOEN
         if csr & 1 == 0 || csr >> 8 & 1 == 0 {
             let what = "is off or does not reach the ADC, whose open input is";
             return Err(format!("{name} {what} {UNMODELLED}"));
         }
-        let follows = match csr >> 5 & 3 {
-            2 => false,
-            3 => true,
-            _ => {
-                return Err(format!(
-                    "{name}: an external feedback (VM_SEL), which is {UNMODELLED}"
-                ));
+        // VM_SEL: a follower, or the PGA. PGA_GAIN: 2 to 64, without or with a bias on VINM0.
+        let gain = match (csr >> 5 & 3, csr >> 14 & 0x1f) {
+            (3, _) => Gain { times: 1.0, biased: false },
+            (2, code @ (0..=5 | 8..=13)) => {
+                Gain { times: f64::from(2 << (code & 7)), biased: code & 8 != 0 }
             }
+            _ => return Err(format!("{name}: VM_SEL or PGA_GAIN is reserved or {UNMODELLED}")),
         };
-        // PGA_GAIN: 2 to 64, without or with a bias on VINM0. The modes with a filter are not modelled.
-        let (times, biased) = (csr >> 14 & 7, csr >> 17 & 1 == 1);
-        if !follows && (times > 5 || csr >> 18 & 1 == 1) {
-            return Err(format!("{name}: PGA_GAIN is reserved or {UNMODELLED}"));
-        }
-        if biased && !follows {
+        if gain.biased {
             self.pin(name, self.bias_pads[i].first())?;
         }
         // T1CM_EN
@@ -340,8 +334,7 @@ impl G431 {
             tcmr >> 3 & 1 == 1 && self.common.tim1.is_driven(5) && self.common.tim1.output(5, now);
         let select = if turned { tcmr >> 1 & 3 } else { csr >> 2 & 3 };
         let pin = self.pin(name, self.opamp_pads[i].get(select as usize))?;
-        let times = if follows { 1.0 } else { f64::from(2 << times) };
-        Ok((pin, Gain { times, biased }))
+        Ok((pin, gain))
     }
 
     /// Pin of an input; an error if the pin is not analogue.

@@ -366,18 +366,20 @@ fn amplifier_multiplies_a_midpoint() {
 
 #[test]
 fn wrong_gain_of_the_amplifier_shows_in_the_code() {
-    let code = |gain: u32| {
+    let code = |csr: u32| {
         let mut driver = with_amplifier();
-        driver.write(g4::OPAMP2_CSR, AMPLIFIES & !(0x1f << 14) | gain << 14);
+        driver.write(g4::OPAMP2_CSR, csr);
         driver.wait(micros(30));
         start(&mut driver, g4::ADC2, g4::ADSTART);
         driver.wait(15 * CYCLE);
         driver.read(g4::ADC2 + g4::DR)
     };
     // 2, 4, 8, 16, 32 and 64 times about a bias of 2048: at 16 times the midpoint is 1000.
-    assert_eq!([8, 9, 10, 11, 12, 13].map(code), [1917, 1786, 1524, 1000, 0, 0]);
-    // Without the bias: from ground.
-    assert_eq!([0, 3].map(code), [3965, 4095]);
+    let gain = |gain: u32| code(AMPLIFIES & !(0x1f << 14) | gain << 14);
+    assert_eq!([8, 9, 10, 11, 12, 13].map(gain), [1917, 1786, 1524, 1000, 0, 0]);
+    // Without the bias: from ground. A follower (VM_SEL = 3) has the midpoint itself.
+    assert_eq!([0, 3].map(gain), [3965, 4095]);
+    assert_eq!(code(AMPLIFIES | 3 << 5), 1983);
 }
 
 #[test]
@@ -406,6 +408,6 @@ fn amplifier_must_be_awake_and_set_up() {
     // A reserved gain, and 16 times with a filter.
     for gain in [0b01110, 0b10011] {
         let wrong = refused(AMPLIFIES & !(0x1f << 14) | gain << 14, micros(10));
-        assert!(wrong.contains("OPAMP2: PGA_GAIN is reserved or not modelled"), "{wrong}");
+        assert!(wrong.contains("PGA_GAIN is reserved or not modelled"), "{wrong}");
     }
 }
