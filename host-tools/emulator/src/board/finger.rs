@@ -17,7 +17,7 @@ const PHOTOTRANSISTOR_S: f64 = 7.0e-6 / 2.197_224_577;
 ///
 /// The amplifier's bandwidth is 7 MHz (DS12589 table 88).
 const AMPLIFIER_S: f64 = 1.0 / (2.0 * std::f64::consts::PI * 7.0e6);
-/// Gain behind which the scene's codes of the midpoints are.
+/// Gain of the amplifiers for which the scene has its codes of the midpoints.
 const SCENE_GAIN: f64 = 16.0;
 /// Top code of a 12-bit converter.
 const TOP: f64 = 4095.0;
@@ -61,7 +61,7 @@ pub enum Source {
 pub struct Gain {
     /// Ratio of output to input.
     pub times: f64,
-    /// Whether it amplifies about the bridges' bias instead of ground.
+    /// Whether the amplifier works about the bridges' bias instead of ground.
     pub biased: bool,
 }
 

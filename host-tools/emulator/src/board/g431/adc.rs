@@ -167,14 +167,14 @@ impl Adc {
         runs.chain(self.busy).min()
     }
 
-    /// Edge and source of the regular group's trigger: EXTEN and EXTSEL.
+    /// Edge and source of the regular group's trigger: EXTEN, EXTSEL.
     pub fn regular_trigger(&self) -> [u32; 2] {
         [self.cfgr >> 10 & 3, self.cfgr >> 5 & 0x1f]
     }
 
     /// Handles the rising edge of a trigger; true if it starts a conversion.
     ///
-    /// `regular` is this ADC's [`Self::regular_trigger`], or that of the one which leads it.
+    /// `regular` is [`Self::regular_trigger`] of this ADC, or in a dual mode of ADC1.
     pub fn trigger(&mut self, source: &str, regular: [u32; 2], now: Tick) -> Outcome<bool> {
         let mut starts = false;
         let cr = Cr(self.cr);
