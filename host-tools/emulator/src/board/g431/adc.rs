@@ -347,7 +347,7 @@ impl Adc {
 
     fn control(&mut self, value: u32, now: Tick, cycle: Tick) -> Outcome {
         let (before, mut cr) = (Cr(self.cr), Cr(value));
-        // DEEPPWD, ADVREGEN and ADCALDIF (RM0440 §21.7.3).
+        // DEEPPWD, ADVREGEN and ADCALDIF (RM0440, ADC_CR).
         if (value ^ before.0) & 0x7000_0000 != 0 && before.aden() {
             return Err("power or kind of calibration is changed while the ADC is enabled".into());
         }

@@ -41,9 +41,10 @@ impl G431 {
         let crs = self.stored.iter().find(|(name, _)| *name == "CRS").map(|(_, crs)| crs);
         let [cr, cfgr] =
             [0x00, 0x04].map(|at| crs.and_then(|crs| crs.read(at).ok()).unwrap_or_default());
-        // RELOAD is the number of cycles, less one, in a frame or in 2 to the power of SYNCDIV of them.
+        // RELOAD is the number of cycles, less one, in 2 to the power of SYNCDIV frames.
         let hz = (((cfgr & 0xffff) + 1) * 1_000) >> (cfgr >> 24 & 7);
-        // CEN and AUTOTRIMEN; USB's start of frame. A full-speed device has 0.25 % (USB 2.0 §7.1.11).
+        // CEN and AUTOTRIMEN; USB's start of frame. A full-speed device has 0.25 % (USB 2.0
+        // §7.1.11).
         cr & 0x60 == 0x60 && cfgr >> 28 & 3 == 2 && hz.abs_diff(48_000_000) <= 120_000
     }
 
@@ -186,7 +187,7 @@ impl G431 {
             Unit::AdcCommon => {
                 let (dual, mdma) = (value & 0x1f, value >> 14 & 3);
                 if ![0, 1, 2, 3, 5, 6, 7, 9].contains(&dual) || mdma == 1 {
-                    return Err("a reserved mode (DUAL, MDMA) (RM0440 §21.7.2)".into());
+                    return Err("a reserved mode (DUAL, MDMA)".into());
                 }
                 // Simultaneous regular sequences, without a DMA request for both. Without DUAL the
                 // register's DELAY, DMACFG and MDMA have no effect.

@@ -128,9 +128,9 @@ impl Dma {
                 if !enabled && value & 1 == 1 {
                     let part = (1 << (value >> 8 & 3)) - 1;
                     if (channel.cpar | channel.cmar) & part != 0 {
-                        // The chip ignores the low bits of the address (RM0440 §12.6.5).
+                        // The chip ignores the low bits of the address (RM0440, DMA_CPARx).
                         return Err(format!(
-                            "enabled with an address that does not fit the size, which is {UNMODELLED}"
+                            "an address that does not fit the size, which is {UNMODELLED}"
                         ));
                     }
                     (channel.turn, channel.done) = (channel.cndtr, 0);

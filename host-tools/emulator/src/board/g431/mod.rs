@@ -288,7 +288,7 @@ impl G431 {
         }
         for (rises, name) in [(edges.trgo, "TIM1_TRGO"), (edges.trgo2, "TIM1_TRGO2")] {
             for (i, its) in ADCS.iter().enumerate().filter(|_| rises) {
-                // DUAL: the regular sequences of both begin with ADC1's trigger (RM0440 §21.4.31).
+                // DUAL: ADC1's trigger starts both regular sequences (RM0440, dual ADC modes).
                 let leader = if self.adc_common.read(0x08)? & 0x1f == 0 { i } else { 0 };
                 let regular = self.adc[leader].regular_trigger();
                 let starts = self.adc[i].trigger(name, regular, now);
