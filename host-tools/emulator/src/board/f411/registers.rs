@@ -72,7 +72,7 @@ pub fn name(address: u32, row: Option<&Row>) -> String {
     let Some(Peripheral { name, base, .. }) = peripheral(address) else {
         return format!("{address:#010x}");
     };
-    // Of registers that share an address the last one is an output's or a device's.
+    // The last one of registers that share an address is an output's or a device's.
     match row.and_then(|row| row.names.rsplit(' ').next()?.split_once('.')) {
         Some((_, register)) => format!("{name}.{register} ({address:#010x})"),
         None => format!("{name} + {:#x} ({address:#010x})", address - base),
