@@ -50,15 +50,8 @@ impl Dma {
             .find(|i| self.requests[*i] & 0x7f == request && self.channels[*i].ccr & 1 == 1)
     }
 
-    /// Whether the channel that serves a request has just made the last transfer of a turn.
-    pub fn has_ended(&self, request: u32) -> bool {
-        self.served_by(request)
-            .map(|i| self.channels[i])
-            .is_some_and(|channel| channel.done == 0 || channel.cndtr == 0)
-    }
-
-    /// Next transfer of a channel; `None` if it has none left.
-    pub fn take(&mut self, index: usize) -> Outcome<Option<Transfer>> {
+    /// Next transfer of a channel, and whether it is the last of a turn; `None` if there is none left.
+    pub fn take(&mut self, index: usize) -> Outcome<Option<(Transfer, bool)>> {
         let channel = &mut self.channels[index];
         if channel.cndtr == 0 {
             return Ok(None);
@@ -82,7 +75,8 @@ impl Dma {
         if channel.done == channel.turn / 2 {
             flags |= HALF;
         }
-        if channel.cndtr == 0 {
+        let last = channel.cndtr == 0;
+        if last {
             flags |= COMPLETE;
             // CIRC
             if ccr >> 5 & 1 == 1 {
@@ -92,7 +86,7 @@ impl Dma {
         if flags != 0 {
             self.isr |= flags << (4 * index);
         }
-        Ok(Some(transfer))
+        Ok(Some((transfer, last)))
     }
 
     /// Reads DMA1's register at `offset`.

@@ -361,12 +361,9 @@ impl G431 {
             None => Err("sample without a source".into()),
         });
         let asks = asks.map_err(|why| format!("{name}: {why}"))?;
-        if asks && !self.common.misses(i) {
-            let request = self.requests.adc[i];
-            self.serve(request, now, memory)?;
-            if self.dma.has_ended(request) {
-                self.adc[i].end_dma();
-            }
+        let served = asks && !self.common.misses(i);
+        if served && self.serve(self.requests.adc[i], now, memory)? {
+            self.adc[i].end_dma();
         }
         self.common.system.set_line(self.lines.adc, self.adc.iter().any(Adc::interrupt));
         Ok(asks)
@@ -404,10 +401,11 @@ impl G431 {
         self.pin(ADCS[i], self.adc_pads[i].get(input as usize)).map(Source::Pin)
     }
 
-    fn serve(&mut self, request: u32, now: Tick, memory: &mut dyn Memory) -> Outcome {
-        let Some(channel) = self.dma.served_by(request) else { return Ok(()) };
-        let Some(transfer) = self.dma.take(channel)? else { return Ok(()) };
-        self.transfer(transfer, now, memory)
+    /// Makes the transfer of a request; true if its channel has none left of its turn.
+    fn serve(&mut self, request: u32, now: Tick, memory: &mut dyn Memory) -> Outcome<bool> {
+        let Some(channel) = self.dma.served_by(request) else { return Ok(false) };
+        let Some((transfer, last)) = self.dma.take(channel)? else { return Ok(true) };
+        self.transfer(transfer, now, memory).map(|()| last)
     }
 }
 
