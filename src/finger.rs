@@ -50,10 +50,6 @@ pub struct Finger {
     pub filter: Option<LowPass>,
 }
 
-/// Time in microseconds after which the model still finds the contact in one step, as it does in a
-/// stream of a kilohertz.
-const FOLLOWED_US: u32 = 1000;
-
 /// State of one finger, carried from scan to scan.
 #[derive(Clone, Debug, Default)]
 pub struct FingerState {
@@ -216,7 +212,7 @@ impl FingerState {
         if contact {
             self.grip.begin(now);
         } else {
-            self.matrix = MatrixState::default();
+            self.matrix.clear();
             self.grip.release();
         }
     }
@@ -321,8 +317,7 @@ impl Finger {
             state.noise.interrupt();
         }
         let passed = scan.time.since(state.time);
-        // An overloaded finger would not recover if each lost scan made the next fit longer.
-        if scan.lost > 0 && passed > FOLLOWED_US {
+        if scan.lost > 0 {
             state.matrix.interrupt();
         }
         state.time = scan.time;
@@ -379,6 +374,7 @@ impl Finger {
         if wanted.due || contact && slip.is_ok() && state.grip.is_due(scan.time) {
             let sensors = self.sensor_forces(&scan.codes, estimate);
             if contact {
+                state.matrix.wait(passed);
                 self.touched(estimate, state, &scan.codes, sensors, slip, wanted.fields);
                 if !limits::possible(estimate) {
                     limits::withhold(estimate, state);

@@ -21,6 +21,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::math::inverse_sqrt;
+use crate::scan::TAXELS;
 
 /// Number of powers of w.
 pub(crate) const TERMS: usize = 4;
@@ -103,12 +104,26 @@ impl Radial {
 }
 
 impl AtSize {
-    /// Returns P(w)/ρ^(2·`half`), where `half` is ½ for N and 3/2 for T.
-    fn local(&self, distance2: f32, half: f32) -> Local {
+    /// Returns ρ⁻², w and ρ^(−2·`half`).
+    #[inline(always)]
+    fn powers(&self, distance2: f32, half: f32) -> (f32, f32, f32) {
         let inverse = inverse_sqrt(distance2 + self.depth);
         let inverse2 = inverse * inverse;
-        let w = self.depth * inverse2;
         let lead = if half > 1.0 { inverse * inverse2 } else { inverse };
+        (inverse2, self.depth * inverse2, lead)
+    }
+
+    /// Returns the value of [`Self::local`] alone.
+    #[inline(always)]
+    fn value(&self, distance2: f32, half: f32) -> f32 {
+        let (_, w, lead) = self.powers(distance2, half);
+        let [a, b, c, d] = self.terms;
+        lead * (a + w * (b + w * (c + w * d)))
+    }
+
+    /// Returns P(w)/ρ^(2·`half`), where `half` is ½ for N and 3/2 for T.
+    fn local(&self, distance2: f32, half: f32) -> Local {
+        let (inverse2, w, lead) = self.powers(distance2, half);
         let [a, b, c, d] = self.terms;
         let p = a + w * (b + w * (c + w * d));
         let slope = b + w * (2.0 * c + w * (3.0 * d));
@@ -148,6 +163,23 @@ impl Field {
 }
 
 impl Around<'_> {
+    /// Subtracts this contact from the displacements `left` of the `facets` (mm), with its shear or
+    /// without.
+    #[inline(never)]
+    pub fn subtract(&self, left: &mut [f32; TAXELS], facets: &[[f32; 2]; TAXELS], sheared: bool) {
+        let ([px, py], [fx, fy]) = (self.load.point, self.load.shear);
+        let fz = self.load.normal();
+        for (left, [x, y]) in left.iter_mut().zip(facets) {
+            let [dx, dy] = [x - px, y - py];
+            let distance2 = dx * dx + dy * dy;
+            let mut u = fz * self.normal.value(distance2, 0.5);
+            if sheared {
+                u += (fx * dx + fy * dy) * self.shear.value(distance2, 1.5);
+            }
+            *left -= u;
+        }
+    }
+
     /// Returns u of the facet at `facet` (mm) and its derivatives by s, x, y, without shear.
     #[must_use]
     #[inline(never)]

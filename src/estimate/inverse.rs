@@ -2,21 +2,41 @@
 //!
 //! [TactileEnc] states the problem; [DeMaria2011] names it as future work. Each taxel's measured
 //! curve turns signals into displacements. Gauss–Newton then finds the contact whose [`Field`] fits
-//! them best. The search starts from the contact of the last scan and takes a fixed number of
-//! steps. The result includes its covariance and its misfit; a large misfit means that the contact
-//! is not a single one of the calibrated kind.
+//! them best. Each scan takes one step from the contact of the last, with a
+//! [linearisation](super::linearised) that is renewed when the contact has left its reach; a new
+//! contact takes a few. The result includes its covariance and its misfit; a large misfit that
+//! stays means that the contact is not a single one of the calibrated kind.
 
 use serde::{Deserialize, Serialize};
 
-use super::field::{Field, Load};
-use super::solve::Normal;
-use crate::math::sqrt;
+use super::field::{Around, Field, Load};
+use super::linearised::{Linearised, Six, UNKNOWNS};
+use crate::math::{at_least, sqrt};
 use crate::measured::{Measured, NoValue};
 use crate::scan::{COLS, ROWS, TAXEL_CENTRES, TAXELS};
 
-/// Steps in the first scan of a contact. Later scans take one: from the last contact it practically
-/// converges at a kilohertz.
-const FIRST_STEPS: usize = 3;
+/// Steps in the first scan of a contact and after lost scans, if the scans leave time for them.
+/// Other scans take one: from the last contact it practically converges at a kilohertz.
+const FIRST_STEPS: u8 = 3;
+/// Time between scans, in microseconds, that leaves enough for [`FIRST_STEPS`].
+const FOLLOWED_US: u32 = 900;
+/// Reach of a linearisation with shear: change of s as its share, of x and y in mm, and of the shear
+/// as a share of the normal force.
+///
+/// Shear and position resemble each other, so that slopes a few per cent off already show as noise
+/// of both.
+const REACH: [f32; 3] = [0.015, 0.02, 0.02];
+/// Reach of a linearisation without shear, in reaches with shear.
+pub(super) const PRESSED_REACH: f32 = 6.0;
+/// Share of a scan's change of shear and friction utilisation by which the next step's start
+/// follows, where no other sensor measures the shear.
+///
+/// Slopes are proportional to the shear, and slopes with a scan's noise in them bias what the next
+/// scans tell. A change of more than [`SMOOTHED`] reaches is no noise, and a contact with a misfit
+/// above [`SURE`] is still being searched: the start follows these at once.
+const SLOWLY: f32 = 0.25;
+const SMOOTHED: f32 = 5.0;
+const SURE: f32 = 2.0;
 /// Least s of a contact: f_z of 1 mN.
 const LEAST_SIZE: f32 = 0.1;
 /// Largest s: f_z of 27 N, beyond the range of any sensor of [DeMaria2011] or [Ospina2017].
@@ -107,14 +127,17 @@ pub struct Inverse {
     pub centres: Centres,
 }
 
-/// State of the inverse: the contact of the last scan.
+/// State of the inverse: the contact of the last scan, and the linearisation near it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct InverseState {
     last: Option<Load>,
-    /// Whether scans were lost since `last`.
-    old: bool,
-    /// Whether the contact has been found before, and lost.
-    found: bool,
+    /// Whether the contact has been found before, and no scan was lost since.
+    followed: bool,
+    /// Whether scans follow too fast for more than a step.
+    hurried: bool,
+    /// Contact of `kept`, and whether it includes shear.
+    at: Option<(Load, bool)>,
+    kept: Linearised,
 }
 
 /// Shear as measured by other sensors.
@@ -184,17 +207,38 @@ impl ContactFit {
 impl InverseState {
     /// Forgets the contact.
     pub fn clear(&mut self) {
-        *self = Self::default();
+        // The kept linearisation stays: it is large, and unused without its contact.
+        self.lose();
+        self.followed = false;
     }
 
     /// Forgets where the contact is: the search begins again, with a single step.
     pub fn lose(&mut self) {
-        self.last = None;
+        (self.last, self.at) = (None, None);
     }
 
-    /// Marks lost scans, after which one step may not reach the new contact.
+    /// Marks lost scans: the contact may have moved far since.
     pub fn interrupt(&mut self) {
-        self.old = true;
+        self.followed = false;
+    }
+
+    /// Tells that the last scan was `passed` microseconds ago.
+    ///
+    /// An overloaded finger would not recover if each lost scan made the next fit longer.
+    pub fn wait(&mut self, passed: u32) {
+        self.hurried = passed < FOLLOWED_US;
+    }
+
+    /// Returns whether scans follow too fast for more than a step.
+    #[must_use]
+    pub fn hurried(&self) -> bool {
+        self.hurried
+    }
+
+    /// Returns whether the next fit searches a new contact, or one that may have moved far.
+    #[must_use]
+    pub fn searches(&self) -> bool {
+        !self.followed
     }
 }
 
@@ -204,7 +248,7 @@ impl Inverse {
     /// # Errors
     /// [`NoValue::IllConditioned`] if the displacements do not determine a contact.
     pub fn pressed(&self, state: &mut InverseState, u: &[f32; TAXELS]) -> Measured<ContactFit> {
-        self.find(state, u, |inverse, load, u| inverse.pressed_step(load, u))
+        self.find(state, u, false, None)
     }
 
     /// Estimates a contact with shear and friction utilisation from one scan of displacements.
@@ -225,24 +269,27 @@ impl Inverse {
         if !self.shear {
             return Err(NoValue::NotEstimated);
         }
-        self.find(state, u, |inverse, load, u| inverse.sheared_step(load, u, measured))
+        self.find(state, u, true, measured)
     }
 
     fn find(
         &self,
         state: &mut InverseState,
         u: &[f32; TAXELS],
-        step: impl Fn(&Self, &mut Load, &[f32; TAXELS]) -> Option<ContactFit>,
+        sheared: bool,
+        measured: Option<ShearPrior>,
     ) -> Measured<ContactFit> {
-        let (start, steps) = match state.last {
-            Some(last) => (Some(last), if state.old { FIRST_STEPS } else { 1 }),
-            None => (self.start(u), if state.found { 1 } else { FIRST_STEPS }),
-        };
-        let found =
-            start.and_then(|mut load| (0..steps).fold(None, |_, _| step(self, &mut load, u)));
+        let steps = if state.searches() && !state.hurried { FIRST_STEPS } else { 1 };
+        let mut last = state.last.or_else(|| self.start(u));
+        let found = last.as_mut().and_then(|load| {
+            (0..steps).fold(None, |_, _| self.step(state, load, u, sheared, measured))
+        });
         let sound = found.filter(ContactFit::is_sound);
-        let last = sound.map(|touch| touch.load);
-        *state = InverseState { last, old: false, found: last.is_some() };
+        if sound.is_some() {
+            (state.last, state.followed) = (last, true);
+        } else {
+            state.clear();
+        }
         sound.ok_or(NoValue::IllConditioned)
     }
 
@@ -262,8 +309,9 @@ impl Inverse {
         }
         let newton =
             Load { size: 1.0, point: [x / sum, y / sum], used: USED[0], ..Load::default() };
-        let around = self.field.around(&newton);
-        let whole = self.centres.0.iter().fold(0.0, |sum, c| sum + around.pressed(*c).0);
+        let mut left = [0.0; TAXELS];
+        self.field.around(&newton).subtract(&mut left, &self.centres.0, false);
+        let whole = -left.iter().sum::<f32>();
         let force = if whole > f32::MIN_POSITIVE { sum / whole } else { 0.0 };
         let size = crate::math::cube_root(force).clamp(LEAST_SIZE, MOST_SIZE);
         Some(Load { size, ..newton })
@@ -297,90 +345,158 @@ impl Inverse {
         floor + share * normal
     }
 
-    fn pressed_step(&self, load: &mut Load, u: &[f32; TAXELS]) -> Option<ContactFit> {
-        let error = self.expected(load.normal());
-        let mut normal = Normal::<3>::EMPTY;
-        let mut squares = 0.0;
-        let around = self.field.around(load);
-        for (u, centre) in u.iter().zip(&self.centres.0) {
-            let (model, row) = around.pressed(*centre);
-            let left = u - model;
-            squares += left * left;
-            normal.add(&row, left);
+    /// Subtracts a contact without shear from the displacements `left`. Its slopes by s, x, y go to
+    /// three columns from the one given.
+    #[inline(never)]
+    pub(super) fn press(
+        &self,
+        around: &Around<'_>,
+        left: &mut [f32; TAXELS],
+        slopes: &mut [Six; TAXELS],
+        column: usize,
+    ) {
+        for ((facet, left), row) in self.centres.0.iter().zip(left).zip(slopes) {
+            let (model, slopes) = around.pressed(*facet);
+            *left -= model;
+            row.iter_mut().skip(column).zip(slopes).for_each(|(to, slope)| *to = slope);
         }
-        normal.damp(&[0.0, square(error / FARTHEST), square(error / FARTHEST)]);
-        let ([ds, dx, dy], [vs, vx, vy]) = normal.solve()?;
-        let left = squares - ds * normal.right[0] - dx * normal.right[1] - dy * normal.right[2];
-        load.shear = [0.0; 2];
-        load.used = USED[0];
-        load.advance(ds, [dx, dy]);
-        let misfit = misfit(left, error);
-        let wide = error * misfit.max(1.0);
-        let [s, x, y] = [vs, vx, vy].map(|variance| wide * sqrt(variance));
-        let sigma = [0.0, 0.0, 3.0 * load.size * load.size * s, x, y, USED[1]];
-        Some(ContactFit { load: *load, sigma, ring: FrictionUtilisation::default(), misfit })
     }
 
-    fn sheared_step(
+    /// Takes one step from `load`, with the kept linearisation if it reaches so far.
+    fn step(
         &self,
+        state: &mut InverseState,
         load: &mut Load,
         u: &[f32; TAXELS],
+        sheared: bool,
         measured: Option<ShearPrior>,
     ) -> Option<ContactFit> {
         let error = self.expected(load.normal());
-        let mut normal = Normal::<6>::EMPTY;
-        let mut squares = 0.0;
-        let around = self.field.around(load);
-        for (u, centre) in u.iter().zip(&self.centres.0) {
-            let (model, row) = around.sheared(*centre);
-            let left = u - model;
-            squares += left * left;
-            normal.add(&row, left);
+        let reach = if sheared { 1.0 } else { PRESSED_REACH };
+        let reached =
+            state.at.is_some_and(|(at, with)| with == sheared && load.apart(&at) <= reach);
+        if !sheared {
+            load.shear = [0.0; 2];
+            load.used = USED[0];
         }
-        let [usual, spread] = USED;
-        let pulled = square(error / (USUAL_SHEAR * load.normal()));
-        let (placed, prior) = (square(error / FARTHEST), square(error / spread));
-        normal.damp(&[pulled, pulled, 0.0, placed, placed, prior]);
-        let unseen = normal.right;
-        let [fx, fy] = load.shear;
-        normal.right[0] -= pulled * fx;
-        normal.right[1] -= pulled * fy;
-        normal.right[5] += prior * (usual - load.used);
-        let (mut step, mut variances) = normal.solve()?;
-        let left = unseen.iter().zip(&step).fold(squares, |left, (g, d)| left - g * d);
-        if let Some(pull) = measured {
-            ([.., step[5]], [.., variances[5]]) = normal.leaning(load, &pull, error).solve()?;
+        let left = if reached {
+            let mut left = *u;
+            self.field.around(load).subtract(&mut left, &self.centres.0, sheared);
+            left
+        } else {
+            state.at = None;
+            state.kept.weights = weights(load, error, sheared);
+            let mut left = *u;
+            let slopes = &mut state.kept.slopes;
+            let around = self.field.around(load);
+            if sheared {
+                let facets = self.centres.0.iter().zip(&mut left).zip(slopes);
+                for ((facet, left), row) in facets {
+                    let model;
+                    (model, *row) = around.sheared(*facet);
+                    *left -= model;
+                }
+            } else {
+                *slopes = [[0.0; UNKNOWNS]; TAXELS];
+                self.press(&around, &mut left, slopes, 2);
+            }
+            if !state.kept.renew() {
+                return None;
+            }
+            state.at = Some((*load, sheared));
+            left
+        };
+        let squares = left.iter().fold(0.0, |sum, left| sum + left * left);
+        let pull = if sheared { pull(load, &state.kept.weights) } else { [0.0; UNKNOWNS] };
+        let (mut step, explained) = state.kept.step(&left, &pull);
+        let mut variances = state.kept.variances();
+        if let Some(prior) = measured {
+            let (more, variance) = prior.refine(&state.kept, &step, load, error);
+            step[5] += more;
+            variances[5] = variance;
         }
-        let [dfx, dfy, ds, dx, dy, db] = step;
-        load.advance(ds, [dx, dy]);
-        load.used = (load.used + db).clamp(-0.5, 1.5);
-        let [fx, fy] = [load.shear[0] + dfx, load.shear[1] + dfy];
-        let (shear, most) = (sqrt(fx * fx + fy * fy), MOST_FRICTION * load.normal());
-        let share = if shear > most { most / shear } else { 1.0 };
-        load.shear = [fx * share, fy * share];
-        let misfit = misfit(left, error);
+        let found = load.after(&step);
+        let misfit = misfit(squares - explained, error);
+        let sure = misfit < SURE && found.apart(load) < SMOOTHED;
+        let share = if sure && measured.is_none() { SLOWLY } else { 1.0 };
+        let toward = |from: f32, to: f32| from + share * (to - from);
+        let ([fx, fy], [to_x, to_y]) = (load.shear, found.shear);
+        *load = Load {
+            shear: [toward(fx, to_x), toward(fy, to_y)],
+            used: toward(load.used, found.used),
+            ..found
+        };
         let wide = error * misfit.max(1.0);
         let mut sigma = variances.map(|variance| wide * sqrt(variance));
-        sigma[2] *= 3.0 * load.size * load.size;
-        let ring = FrictionUtilisation::of(load.used, sigma[5] * sigma[5]);
-        Some(ContactFit { load: *load, sigma, ring, misfit })
+        sigma[2] *= 3.0 * found.size * found.size;
+        if !sheared {
+            let [x, y, .., used] = &mut sigma;
+            (*x, *y, *used) = (0.0, 0.0, USED[1]);
+        }
+        let ring = if sheared {
+            FrictionUtilisation::of(found.used, sigma[5] * sigma[5])
+        } else {
+            FrictionUtilisation::default()
+        };
+        Some(ContactFit { load: found, sigma, ring, misfit })
     }
 }
 
-impl Normal<6> {
-    /// Adds the shear ratios of other sensors; `error` is the residual of the displacements.
-    fn leaning(mut self, load: &Load, pull: &ShearPrior, error: f32) -> Self {
+/// Returns the weights of the prior of a single contact.
+fn weights(load: &Load, error: f32, sheared: bool) -> Six {
+    let placed = square(error / FARTHEST);
+    if sheared {
+        let pulled = square(error / (USUAL_SHEAR * load.normal()));
+        [pulled, pulled, 0.0, placed, placed, square(error / USED[1])]
+    } else {
+        // Unknowns without slopes stay as they are.
+        [1.0, 1.0, 0.0, placed, placed, 1.0]
+    }
+}
+
+/// Returns the gradient of the prior.
+fn pull(load: &Load, weights: &Six) -> Six {
+    let ([fx, fy], [x, y, .., used]) = (load.shear, *weights);
+    [-x * fx, -y * fy, 0.0, 0.0, 0.0, used * (USED[0] - load.used)]
+}
+
+impl ShearPrior {
+    /// Returns by how much this prior changes the friction utilisation of `step`, and its variance
+    /// then. `error` is the residual of the displacements.
+    fn refine(&self, kept: &Linearised, step: &Six, load: &Load, error: f32) -> (f32, f32) {
         let normal = load.normal();
-        let weight = error / (pull.sigma * normal);
-        let slope = -3.0 * load.size * load.size * weight;
-        let ([rx, ry], [fx, fy]) = (pull.ratio, load.shear);
-        self.add(&[weight, 0.0, rx * slope, 0.0, 0.0, 0.0], weight * (rx * normal - fx));
-        self.add(&[0.0, weight, ry * slope, 0.0, 0.0, 0.0], weight * (ry * normal - fy));
-        self
+        let slope = -3.0 * load.size * load.size;
+        let ([rx, ry], [fx, fy]) = (self.ratio, load.shear);
+        let missed = [rx * normal - fx, ry * normal - fy];
+        kept.refine(step, [rx * slope, ry * slope], missed, square(error / (self.sigma * normal)))
     }
 }
 
 impl Load {
+    /// Returns how far another contact is from this one, in reaches of a linearisation.
+    pub(super) fn apart(&self, other: &Self) -> f32 {
+        let [size, place, shear] = REACH;
+        let ([x, y], [fx, fy]) = (self.point, self.shear);
+        let ([to_x, to_y], [to_fx, to_fy]) = (other.point, other.shear);
+        let size = (self.size - other.size).abs() / (size * other.size);
+        let place = at_least((x - to_x).abs(), (y - to_y).abs()) * (1.0 / place);
+        let shear = at_least((fx - to_fx).abs(), (fy - to_fy).abs()) / (shear * other.normal());
+        at_least(at_least(size, place), shear)
+    }
+
+    /// Returns the contact a step of its unknowns f_x, f_y, s, x, y, b away, within their ranges.
+    fn after(&self, step: &Six) -> Self {
+        let [dfx, dfy, ds, dx, dy, db] = *step;
+        let mut load = *self;
+        load.advance(ds, [dx, dy]);
+        let [fx, fy] = [self.shear[0] + dfx, self.shear[1] + dfy];
+        let (shear, most) = (sqrt(fx * fx + fy * fy), MOST_FRICTION * load.normal());
+        let share = if shear > most { most / shear } else { 1.0 };
+        load.shear = [fx * share, fy * share];
+        load.used = (self.used + db).clamp(-0.5, 1.5);
+        load
+    }
+
     /// Moves the contact by a limited step within its allowed range.
     #[inline(never)]
     pub(super) fn advance(&mut self, ds: f32, [dx, dy]: [f32; 2]) {
@@ -393,11 +509,11 @@ impl Load {
     }
 }
 
-fn misfit(squares: f32, error: f32) -> f32 {
+pub(super) fn misfit(squares: f32, error: f32) -> f32 {
     sqrt(squares * (1.0 / TAXELS as f32)) / error
 }
 
-fn square(x: f32) -> f32 {
+pub(super) fn square(x: f32) -> f32 {
     x * x
 }
 
@@ -566,6 +682,18 @@ pub(super) mod tests {
         };
         assert!(far_off(true) < 0.2, "{}", far_off(true));
         assert!(far_off(false) > 1.0, "one step is a millimetre: {}", far_off(false));
+    }
+
+    #[test]
+    fn contact_that_jumps_is_found_within_four_scans() {
+        let at = |x: f32| displaced(&Load { size: 1.0, point: [x, 0.0], ..Load::default() });
+        let (finger, mut state) = (finger(), InverseState::default());
+        let mut x = |to: f32| finger.pressed(&mut state, &at(to)).unwrap().load.point[0];
+        for _ in 0..6 {
+            x(-1.2);
+        }
+        let off = [1.2; 4].map(|to| (x(to) - to).abs());
+        assert!(off[0] > 1.0 && off[3] < 0.05, "a step is a millimetre: {off:?}");
     }
 
     #[test]

@@ -145,10 +145,12 @@ impl QuantisedNet {
         let mut groups = self.hidden.iter();
         let mut bent = [0; MAX_OUTPUTS];
         for rows in &self.output {
-            let mut h = Lanes::default();
-            for (h, group) in h.iter_mut().zip(groups.by_ref()) {
-                *h = taxel_dsp::activations(group, &input);
-            }
+            // A loop here is above the compiler's limit for unrolling: unrolled by hand.
+            let mut next = || match groups.next() {
+                Some(group) => taxel_dsp::activations(group, &input),
+                None => [0; 2],
+            };
+            let h: Lanes = [next(), next(), next(), next()];
             bent = taxel_dsp::sums_of_outputs(rows, &h, bent);
         }
         let [bend, slope] = self.scale;

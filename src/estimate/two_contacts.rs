@@ -1,19 +1,23 @@
 //! Estimation of two simultaneous contacts ([DeMaria2011]'s open case).
 //!
-//! The fit runs only if a single contact does not explain the displacements. Gauss–Newton fits two
-//! normal contacts, six unknowns, to the sixteen displacements in the same
-//! [`Field`](super::field::Field). The pair is accepted if it explains more than a single contact
-//! and its contacts are far enough apart.
+//! The search runs only if a single contact does not explain the displacements. Gauss–Newton fits
+//! two normal contacts, six unknowns, to the sixteen displacements in the same
+//! [`Field`](super::field::Field), one or two steps a scan. The pair is believed if it explains more
+//! than a single contact and its contacts are far enough apart. A believed pair is followed alone,
+//! with the [linearisation](super::linearised) of a single contact's fit, and compared with a single
+//! contact now and then.
 
 use super::field::Load;
-use super::inverse::Inverse;
-use super::solve::Normal;
-use crate::math::{cube_root, sqrt};
+use super::inverse::{Inverse, PRESSED_REACH, misfit, square};
+use super::linearised::{Linearised, UNKNOWNS};
+use crate::math::{at_least, cube_root, sqrt};
 use crate::scan::{PITCH, TAXELS};
 
-/// Steps per scan; a new pair takes [`FIRST_STEPS`].
-const STEPS: usize = 2;
-const FIRST_STEPS: usize = 6;
+/// Steps in a scan, if the scans leave time for more than one.
+const STEPS: u8 = 2;
+/// Least steps of a search, and the most before it begins again.
+const SEARCHED: u8 = 4;
+const SEARCH: u8 = 10;
 /// Least distance of two contacts, in pitches; the matrix cannot separate nearer ones.
 const APART: f32 = 1.4;
 /// Least normal force of either contact, in newtons; less is within the other's calibration
@@ -37,42 +41,75 @@ pub struct Pair {
     pub misfit: f32,
 }
 
-/// State: the pair of the last scan.
+/// State: the pair of the last scan, and the linearisation near it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PairState {
     last: Option<[Load; 2]>,
+    /// Steps of the search; 0 for a believed pair.
+    searched: u8,
+    /// Contacts of `kept`.
+    at: Option<[Load; 2]>,
+    kept: Linearised,
 }
 
 impl PairState {
     /// Forgets the pair.
     pub fn clear(&mut self) {
-        self.last = None;
+        (self.last, self.at) = (None, None);
+    }
+
+    /// Returns whether the pair of the last scan was believed.
+    #[must_use]
+    pub fn believed(&self) -> bool {
+        self.last.is_some() && self.searched == 0
     }
 }
 
 impl Inverse {
     /// Returns two contacts if they explain the displacements `u` better than one. `single` is the
-    /// misfit of the single contact.
+    /// misfit of the single contact. A pair is found within a few scans; `hurried` ones leave time
+    /// for one step.
     #[must_use]
-    pub fn pair(&self, state: &mut PairState, u: &[f32; TAXELS], single: f32) -> Option<Pair> {
-        let (start, steps) = match state.last {
-            Some(last) => (Some(last), STEPS),
-            None => (self.first_guess(u), FIRST_STEPS),
+    pub fn pair(
+        &self,
+        state: &mut PairState,
+        u: &[f32; TAXELS],
+        single: f32,
+        hurried: bool,
+    ) -> Option<Pair> {
+        let followed = state.believed();
+        let mut loads = match state.last {
+            Some(last) => last,
+            None => {
+                state.searched = 0;
+                state.at = None;
+                self.first_guess(u)?
+            }
         };
-        let mut loads = start?;
-        let mut found = None;
+        let steps = if hurried { 1 } else { STEPS };
+        let (mut found, mut still) = (None, false);
         for _ in 0..steps {
-            found = self.pair_step(&mut loads, u);
+            let before = loads;
+            found = self.pair_step(state, &mut loads, u);
+            still = apart(&loads, &before) <= PRESSED_REACH;
         }
         let [a, b] = loads;
-        let apart = (a.point[0] - b.point[0]) * (a.point[0] - b.point[0])
-            + (a.point[1] - b.point[1]) * (a.point[1] - b.point[1]);
+        let distance = square(a.point[0] - b.point[0]) + square(a.point[1] - b.point[1]);
         let believed = found.filter(|misfit| {
             *misfit < BETTER * single
-                && apart > (APART * PITCH.0) * (APART * PITCH.0)
+                && distance > square(APART * PITCH.0)
                 && loads.iter().all(|load| load.normal() > LEAST)
         });
-        state.last = believed.map(|_| loads);
+        let searched = state.searched.saturating_add(steps);
+        if believed.is_some() && (followed || still && searched >= SEARCHED) {
+            state.searched = 0;
+            state.last = Some(loads);
+        } else {
+            let goes_on = !followed && found.is_some() && searched < SEARCH;
+            state.searched = searched;
+            state.last = goes_on.then_some(loads);
+            return None;
+        }
         let contacts = if a.size >= b.size { [a, b] } else { [b, a] };
         believed.map(|misfit| Pair { contacts, misfit })
     }
@@ -109,42 +146,69 @@ impl Inverse {
         };
         let pair = [at(HALF_WAY), at(-HALF_WAY)];
         let [a, b] = pair.each_ref().map(|load| self.field.around(load));
-        let mut shares = Normal::<2>::EMPTY;
-        for (u, &place) in u.iter().zip(&self.centres.0) {
-            shares.add(&[a.pressed(place).0, b.pressed(place).0], *u);
+        let [mut aa, mut ab, mut bb, mut au, mut bu] = [0.0; 5];
+        let [mut left_a, mut left_b] = [[0.0; TAXELS]; 2];
+        a.subtract(&mut left_a, &self.centres.0, false);
+        b.subtract(&mut left_b, &self.centres.0, false);
+        for ((a, b), u) in left_a.iter().zip(&left_b).zip(u) {
+            aa += a * a;
+            ab += a * b;
+            bb += b * b;
+            au -= a * u;
+            bu -= b * u;
         }
-        let (shares, _) = shares.solve()?;
-        let mut shares = shares.into_iter();
+        let whole = aa * bb - ab * ab;
+        if !(whole > f32::MIN_POSITIVE && whole < f32::MAX) {
+            return None;
+        }
+        let mut shares =
+            [bb * au - ab * bu, aa * bu - ab * au].map(|share| share / whole).into_iter();
         Some(pair.map(|load| {
             let force = load.normal() * shares.next().unwrap_or_default();
             Load { size: cube_root(force).clamp(0.3, 1.5), ..load }
         }))
     }
 
-    fn pair_step(&self, loads: &mut [Load; 2], u: &[f32; TAXELS]) -> Option<f32> {
-        let [a, b] = *loads;
-        let (around_a, around_b) = (self.field.around(&a), self.field.around(&b));
+    /// Takes one step from `loads` and returns the misfit, with the kept linearisation if it
+    /// reaches so far.
+    fn pair_step(
+        &self,
+        state: &mut PairState,
+        loads: &mut [Load; 2],
+        u: &[f32; TAXELS],
+    ) -> Option<f32> {
+        let [a, b] = &*loads;
+        let (around_a, around_b) = (self.field.around(a), self.field.around(b));
         let error = self.expected(a.normal() + b.normal());
-        let mut normal = Normal::<6>::EMPTY;
-        let mut squares = 0.0;
-        for (u, &place) in u.iter().zip(&self.centres.0) {
-            let ((ua, [as_, ax, ay]), (ub, [bs, bx, by])) =
-                (around_a.pressed(place), around_b.pressed(place));
-            let left = u - ua - ub;
-            squares += left * left;
-            normal.add(&[as_, ax, ay, bs, bx, by], left);
+        let mut left = *u;
+        if state.at.as_ref().is_some_and(|at| apart(loads, at) <= PRESSED_REACH) {
+            around_a.subtract(&mut left, &self.centres.0, false);
+            around_b.subtract(&mut left, &self.centres.0, false);
+        } else {
+            state.at = None;
+            state.kept.weights = [error * error; UNKNOWNS];
+            self.press(&around_a, &mut left, &mut state.kept.slopes, 0);
+            self.press(&around_b, &mut left, &mut state.kept.slopes, 3);
+            if !state.kept.renew() {
+                return None;
+            }
+            state.at = Some(*loads);
         }
-        let loose = error * error;
-        normal.damp(&[loose; 6]);
-        let (step, _) = normal.solve()?;
-        let left = step.iter().zip(&normal.right).fold(squares, |left, (d, g)| left - d * g);
+        let squares = left.iter().fold(0.0, |sum, left| sum + left * left);
+        let (step, explained) = state.kept.step(&left, &[0.0; UNKNOWNS]);
         let [das, dax, day, dbs, dbx, dby] = step;
         let [a, b] = loads;
         a.advance(das, [dax, day]);
         b.advance(dbs, [dbx, dby]);
-        let misfit = sqrt(left * (1.0 / TAXELS as f32)) / error;
+        let misfit = misfit(squares - explained, error);
         (misfit < f32::MAX).then_some(misfit)
     }
+}
+
+/// Returns how far two pairs are apart, in reaches of a linearisation.
+fn apart(loads: &[Load; 2], others: &[Load; 2]) -> f32 {
+    let ([a, b], [to_a, to_b]) = (loads, others);
+    at_least(a.apart(to_a), b.apart(to_b))
 }
 
 #[cfg(test)]
@@ -170,12 +234,16 @@ mod tests {
     fn pair(u: &[f32; TAXELS]) -> Option<Pair> {
         let mut state = PairState::default();
         let misfit = single(u).misfit;
-        (0..4).map(|_| finger().pair(&mut state, u, misfit)).last().flatten()
+        search(&mut state, u, misfit)
     }
 
-    /// Pair of one scan, for a single contact of misfit `single`.
+    /// Pair of as many scans as a search has, for a single contact of misfit `single`.
+    fn search(state: &mut PairState, u: &[f32; TAXELS], single: f32) -> Option<Pair> {
+        (0..SEARCH).map(|_| finger().pair(state, u, single, false)).last().flatten()
+    }
+
     fn first(u: &[f32; TAXELS], single: f32) -> Option<Pair> {
-        finger().pair(&mut PairState::default(), u, single)
+        search(&mut PairState::default(), u, single)
     }
 
     #[test]
@@ -236,8 +304,8 @@ mod tests {
             single in prop_oneof![0.0..1e9f32, Just(f32::MAX)],
         ) {
             let mut state = PairState::default();
-            for _ in 0..3 {
-                if let Some(pair) = finger().pair(&mut state, &u, single) {
+            for _ in 0..12 {
+                if let Some(pair) = finger().pair(&mut state, &u, single, false) {
                     prop_assert!(pair.misfit.is_finite());
                     for load in pair.contacts {
                         prop_assert!(load.size.is_finite() && load.point.iter().all(|c| c.is_finite()));

@@ -1,6 +1,6 @@
 //! Bounds of what a fingertip can measure. Absurd coefficients in a record lead beyond them.
 
-use super::{Estimate, FingerState, GripState, MatrixState};
+use super::{Estimate, FingerState, GripState};
 use crate::estimate::{ContactPoint, Force};
 use crate::frame::Status;
 use crate::measured::NoValue;
@@ -51,7 +51,7 @@ pub(super) fn withhold(estimate: &mut Estimate, state: &mut FingerState) {
     estimate.contacts = Err(REASON);
     estimate.uncertainty = Err(REASON);
     estimate.status.insert(Status::OUT_OF_RANGE);
-    state.matrix = MatrixState::default();
+    state.matrix.clear();
     state.grip = GripState::default();
 }
 

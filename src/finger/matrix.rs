@@ -35,6 +35,10 @@ const CENTROID_ERROR: f32 = 0.8;
 const SHEAR: Gate = Gate { on: 1.0, off: 0.7, begin_frames: 1, end_frames: 20 };
 /// Gate of the search for two contacts; its thresholds are misfits of a single contact.
 const SEVERAL: Gate = Gate { on: 10.0, off: 5.0, begin_frames: 4, end_frames: 20 };
+/// Estimates for which a believed pair is followed alone, and those with a single contact to compare
+/// it with, which needs a few to converge.
+const TRUSTED: u8 = 32;
+const COMPARED: u8 = 4;
 /// Relative uncertainty of the skin's stiffness, however well the model met its calibration.
 ///
 /// Stiffness grows by a third of a per cent with each kelvin, and the first loading meets a stiffer
@@ -58,12 +62,37 @@ pub(super) struct MatrixState {
     pair: PairState,
     sheared: GateState,
     several: GateState,
+    /// Misfit of the last fit of a single contact.
+    single: f32,
+    /// Estimates since a believed pair began to be compared with a single contact.
+    trusted: u8,
 }
 
 impl MatrixState {
     /// Marks lost scans: the contact may have moved far since.
     pub(super) fn interrupt(&mut self) {
         self.model.interrupt();
+    }
+
+    /// Tells that the last scan was `passed` microseconds ago.
+    pub(super) fn wait(&mut self, passed: u32) {
+        self.model.wait(passed);
+    }
+
+    /// Forgets the contact.
+    pub(super) fn clear(&mut self) {
+        self.model.clear();
+        self.pair.clear();
+        (self.sheared, self.several) = Default::default();
+        self.trusted = 0;
+    }
+
+    /// Returns whether a pair is believed and followed alone in this scan.
+    fn alone(&mut self) -> bool {
+        let believed = self.pair.believed() && self.several.contact();
+        let counts = believed && self.trusted < TRUSTED + COMPARED - 1;
+        self.trusted = if counts { self.trusted + 1 } else { 0 };
+        believed && self.trusted > COMPARED - 1
     }
 }
 
@@ -184,6 +213,25 @@ impl OpticalInput<'_> {
     ) -> OpticalEstimate {
         status.insert(Status::RAN_MODEL);
         let u = model.curves.displacements(self.c);
+        if state.alone() {
+            status.insert(Status::NOT_SINGLE);
+            status.insert(Status::RAN_PAIR);
+            return match model.pair(&mut state.pair, &u, state.single, state.model.hurried()) {
+                Some(pair) => two(&pair, model.expected_share()),
+                None => self.single(model, &u, state, status),
+            };
+        }
+        self.single(model, &u, state, status)
+    }
+
+    /// Fits a single contact, and two if that does not explain the displacements.
+    fn single(
+        &self,
+        model: &Inverse,
+        u: &[f32; TAXELS],
+        state: &mut MatrixState,
+        status: &mut Status,
+    ) -> OpticalEstimate {
         let array = self.array.force;
         let present = match array {
             Ok([fx, fy, fz]) => {
@@ -193,21 +241,30 @@ impl OpticalInput<'_> {
             _ => true,
         };
         let sheared = model.shear && present;
+        let new = state.model.searches();
         let touch = if sheared {
             status.insert(Status::RAN_SHEAR);
-            model.sheared(&mut state.model, &u, pull(&array))
+            model.sheared(&mut state.model, u, pull(&array))
         } else {
-            model.pressed(&mut state.model, &u)
+            model.pressed(&mut state.model, u)
         };
         let touch = match touch {
             Ok(touch) => touch,
             Err(reason) => return OpticalEstimate::nothing(reason),
         };
-        if SEVERAL.update(&mut state.several, touch.misfit * touch.misfit) {
-            status.insert(Status::NOT_SINGLE);
-            status.insert(Status::RAN_PAIR);
-            if let Some(pair) = model.pair(&mut state.pair, &u, touch.misfit) {
-                return two(&pair, model.expected_share());
+        let squared = touch.misfit * touch.misfit;
+        let several = SEVERAL.update(&mut state.several, squared);
+        if several || !new && squared > SEVERAL.on * SEVERAL.on {
+            // The search begins while the gate still counts, but not in the scan of a new contact,
+            // whose own search takes the time of this one.
+            state.single = touch.misfit;
+            let pair = model.pair(&mut state.pair, u, touch.misfit, state.model.hurried());
+            if several {
+                status.insert(Status::NOT_SINGLE);
+                status.insert(Status::RAN_PAIR);
+                if let Some(pair) = pair {
+                    return two(&pair, model.expected_share());
+                }
             }
         } else {
             state.pair.clear();

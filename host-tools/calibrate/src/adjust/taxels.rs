@@ -31,10 +31,11 @@ const STEPS: usize = 10;
 const SHARES: [f64; 4] = [1.0, 0.5, 0.25, 0.1];
 /// Share of the squared errors that a step has to remove for another one to follow.
 const SETTLED: f64 = 1e-3;
-/// Frames in which the skin model follows a row from a cold start: it settles in three.
+/// Frames in which the skin model follows a row from a cold start. The start of its steps follows
+/// the shear by a quarter a frame, and must stand still before derivatives are taken.
 ///
 /// It settles in two from nearly equal signals.
-const FRAMES: usize = 6;
+const FRAMES: usize = 40;
 const FEW_FRAMES: usize = 2;
 /// Least standard deviation of a force, newtons.
 const LEAST_SIGMA: f64 = 1e-3;
