@@ -90,7 +90,8 @@ fn model_stages(signals: impl Iterator<Item = Signals> + Clone, meter: &mut impl
         pairs(),
         &mut None,
         |(model, state), u, out| {
-            *out = model.pair(state, u, 100.0, false).map(|pair| pair.contacts.map(|load| load.point));
+            *out =
+                model.pair(state, u, 100.0, false).map(|pair| pair.contacts.map(|load| load.point));
         },
     );
 }
