@@ -317,9 +317,6 @@ impl Finger {
             state.noise.interrupt();
         }
         let passed = scan.time.since(state.time);
-        if scan.lost > 0 {
-            state.matrix.interrupt();
-        }
         state.time = scan.time;
         let noisy = state.noise.update(signals, &state.bias);
         let mut status = Status::default();
@@ -374,7 +371,7 @@ impl Finger {
         if wanted.due || contact && slip.is_ok() && state.grip.is_due(scan.time) {
             let sensors = self.sensor_forces(&scan.codes, estimate);
             if contact {
-                state.matrix.wait(passed);
+                state.matrix.begin(scan.time, passed / scan.lost.saturating_add(1));
                 self.touched(estimate, state, &scan.codes, sensors, slip, wanted.fields);
                 if !limits::possible(estimate) {
                     limits::withhold(estimate, state);

@@ -60,6 +60,7 @@ impl Gate {
 
     /// Processes one scan and returns whether the gate is open. `activity` is the **squared** root
     /// mean square of the signals over the squared noise.
+    #[inline]
     pub fn update(&self, state: &mut GateState, activity: f32) -> bool {
         self.step(state, activity > self.threshold(state))
     }

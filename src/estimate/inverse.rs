@@ -7,6 +7,8 @@
 //! contact takes a few. The result includes its covariance and its misfit; a large misfit that
 //! stays means that the contact is not a single one of the calibrated kind.
 
+use core::ops::Range;
+
 use serde::{Deserialize, Serialize};
 
 use super::field::{Around, Field, Load};
@@ -19,7 +21,7 @@ use crate::scan::{COLS, ROWS, TAXEL_CENTRES, TAXELS};
 /// Other scans take one: from the last contact it practically converges at a kilohertz.
 const FIRST_STEPS: u8 = 3;
 /// Time between scans, in microseconds, that leaves enough for [`FIRST_STEPS`].
-const FOLLOWED_US: u32 = 900;
+const UNHURRIED_US: u32 = 900;
 /// Reach of a linearisation with shear: change of s as its share, of x and y in mm, and of the shear
 /// as a share of the normal force.
 ///
@@ -28,6 +30,8 @@ const FOLLOWED_US: u32 = 900;
 const REACH: [f32; 3] = [0.015, 0.02, 0.02];
 /// Reach of a linearisation without shear, in reaches with shear.
 pub(super) const PRESSED_REACH: f32 = 6.0;
+/// Unknowns of a contact without shear: s, x, y.
+const PRESSED: Range<usize> = 2..5;
 /// Share of a scan's change of shear and friction utilisation by which the next step's start
 /// follows, where no other sensor measures the shear.
 ///
@@ -37,6 +41,10 @@ pub(super) const PRESSED_REACH: f32 = 6.0;
 const SLOWLY: f32 = 0.25;
 const SMOOTHED: f32 = 5.0;
 const SURE: f32 = 2.0;
+/// Misfit of a contact that may be a wrong one, and number of fits with it after which the search
+/// begins again, once: the contact may be right and the calibration old.
+const ASTRAY: f32 = 10.0;
+const ENDURED: u8 = 12;
 /// Least s of a contact: f_z of 1 mN.
 const LEAST_SIZE: f32 = 0.1;
 /// Largest s: f_z of 27 N, beyond the range of any sensor of [DeMaria2011] or [Ospina2017].
@@ -89,7 +97,7 @@ impl Curves {
     }
 }
 
-/// Centre of each facet in mm. Parts are placed to a tenth of a millimetre, and beside its frame a
+/// Centre of each facet in mm. Parts are placed to a tenth of a millimetre, and near its frame a
 /// skin acts as if facets were nearer to the middle.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Centres(pub [[f32; 2]; TAXELS]);
@@ -135,6 +143,8 @@ pub struct InverseState {
     followed: bool,
     /// Whether scans follow too fast for more than a step.
     hurried: bool,
+    /// Fits in a row with a misfit above [`ASTRAY`].
+    astray: u8,
     /// Contact of `kept`, and whether it includes shear.
     at: Option<(Load, bool)>,
     kept: Linearised,
@@ -197,6 +207,12 @@ impl ContactFit {
         self.misfit < f32::MAX && self.sigma.iter().all(|sigma| *sigma < f32::MAX)
     }
 
+    /// Returns whether the contact explains the displacements.
+    #[must_use]
+    pub fn is_sure(&self) -> bool {
+        self.misfit < SURE
+    }
+
     /// Returns whether a touch of the pad can be there.
     #[must_use]
     pub fn is_on_pad(&self) -> bool {
@@ -214,19 +230,19 @@ impl InverseState {
 
     /// Forgets where the contact is: the search begins again, with a single step.
     pub fn lose(&mut self) {
-        (self.last, self.at) = (None, None);
+        (self.last, self.at, self.astray) = (None, None, 0);
     }
 
-    /// Marks lost scans: the contact may have moved far since.
+    /// Tells that the contact may have moved far since the last fit.
     pub fn interrupt(&mut self) {
         self.followed = false;
     }
 
-    /// Tells that the last scan was `passed` microseconds ago.
+    /// Tells that scans come every `period` microseconds, lost ones included.
     ///
     /// An overloaded finger would not recover if each lost scan made the next fit longer.
-    pub fn wait(&mut self, passed: u32) {
-        self.hurried = passed < FOLLOWED_US;
+    pub fn wait(&mut self, period: u32) {
+        self.hurried = period < UNHURRIED_US;
     }
 
     /// Returns whether scans follow too fast for more than a step.
@@ -280,23 +296,36 @@ impl Inverse {
         measured: Option<ShearPrior>,
     ) -> Measured<ContactFit> {
         let steps = if state.searches() && !state.hurried { FIRST_STEPS } else { 1 };
-        let mut last = state.last.or_else(|| self.start(u));
+        let mut last = state.last;
+        if last.is_none() || state.searches() {
+            last = self.start(u).map(|start| match last {
+                Some(last) if self.left(&last, u, sheared) < self.left(&start, u, sheared) => last,
+                _ => start,
+            });
+        }
         let found = last.as_mut().and_then(|load| {
             (0..steps).fold(None, |_, _| self.step(state, load, u, sheared, measured))
         });
         let sound = found.filter(ContactFit::is_sound);
-        if sound.is_some() {
-            (state.last, state.followed) = (last, true);
-        } else {
-            state.clear();
+        match &sound {
+            Some(fit) if fit.misfit < ASTRAY => {
+                (state.last, state.followed, state.astray) = (last, true, 0);
+            }
+            Some(_) => {
+                (state.last, state.followed) = (last, true);
+                state.astray = state.astray.saturating_add(1);
+                if state.astray == ENDURED {
+                    (state.last, state.at) = (None, None);
+                }
+            }
+            None => state.clear(),
         }
         sound.ok_or(NoValue::IllConditioned)
     }
 
-    /// Returns the initial contact: the centroid of the displacements, and the force that causes
-    /// their sum.
+    /// Returns the sum of the positive displacements and their centroid.
     #[inline(never)]
-    fn start(&self, u: &[f32; TAXELS]) -> Option<Load> {
+    pub(super) fn centroid(&self, u: &[f32; TAXELS]) -> Option<(f32, [f32; 2])> {
         let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);
         for (u, [cx, cy]) in u.iter().zip(&self.centres.0) {
             let weight = u.max(0.0);
@@ -304,11 +333,23 @@ impl Inverse {
             x += weight * cx;
             y += weight * cy;
         }
-        if !(sum > f32::MIN_POSITIVE && sum < f32::MAX) {
-            return None;
-        }
-        let newton =
-            Load { size: 1.0, point: [x / sum, y / sum], used: USED[0], ..Load::default() };
+        (sum > f32::MIN_POSITIVE && sum < f32::MAX).then(|| (sum, [x / sum, y / sum]))
+    }
+
+    /// Returns the sum of the squared displacements that a contact leaves.
+    #[inline(never)]
+    fn left(&self, load: &Load, u: &[f32; TAXELS], sheared: bool) -> f32 {
+        let mut left = *u;
+        self.field.around(load).subtract(&mut left, &self.centres.0, sheared);
+        squared(&left)
+    }
+
+    /// Returns the initial contact: the centroid of the displacements, and the force that causes
+    /// their sum.
+    #[inline(never)]
+    fn start(&self, u: &[f32; TAXELS]) -> Option<Load> {
+        let (sum, point) = self.centroid(u)?;
+        let newton = Load { size: 1.0, point, used: USED[0], ..Load::default() };
         let mut left = [0.0; TAXELS];
         self.field.around(&newton).subtract(&mut left, &self.centres.0, false);
         let whole = -left.iter().sum::<f32>();
@@ -398,15 +439,15 @@ impl Inverse {
                 }
             } else {
                 *slopes = [[0.0; UNKNOWNS]; TAXELS];
-                self.press(&around, &mut left, slopes, 2);
+                self.press(&around, &mut left, slopes, PRESSED.start);
             }
-            if !state.kept.renew() {
+            if !state.kept.renew(if sheared { 0..UNKNOWNS } else { PRESSED }) {
                 return None;
             }
             state.at = Some((*load, sheared));
             left
         };
-        let squares = left.iter().fold(0.0, |sum, left| sum + left * left);
+        let squares = squared(&left);
         let pull = if sheared { pull(load, &state.kept.weights) } else { [0.0; UNKNOWNS] };
         let (mut step, explained) = state.kept.step(&left, &pull);
         let mut variances = state.kept.variances();
@@ -416,8 +457,11 @@ impl Inverse {
             variances[5] = variance;
         }
         let found = load.after(&step);
-        let misfit = misfit(squares - explained, error);
-        let sure = misfit < SURE && found.apart(load) < SMOOTHED;
+        // Far from its start a step explains less than its slopes tell.
+        let far = found.apart(load) > SMOOTHED;
+        let unexplained = if far { self.left(&found, u, sheared) } else { squares - explained };
+        let misfit = misfit(unexplained, error);
+        let sure = misfit < SURE && !far;
         let share = if sure && measured.is_none() { SLOWLY } else { 1.0 };
         let toward = |from: f32, to: f32| from + share * (to - from);
         let ([fx, fy], [to_x, to_y]) = (load.shear, found.shear);
@@ -511,6 +555,11 @@ impl Load {
 
 pub(super) fn misfit(squares: f32, error: f32) -> f32 {
     sqrt(squares * (1.0 / TAXELS as f32)) / error
+}
+
+/// Returns the sum of squares.
+pub(super) fn squared(left: &[f32; TAXELS]) -> f32 {
+    left.iter().fold(0.0, |sum, left| sum + left * left)
 }
 
 pub(super) fn square(x: f32) -> f32 {
@@ -694,6 +743,35 @@ pub(super) mod tests {
         }
         let off = [1.2; 4].map(|to| (x(to) - to).abs());
         assert!(off[0] > 1.0 && off[3] < 0.05, "a step is a millimetre: {off:?}");
+    }
+
+    proptest! {
+        #[test]
+        fn sheared_contact_that_jumps_is_found(
+            from in proptest::array::uniform2(-3.0..3.0f32),
+            to in proptest::array::uniform2(-3.0..3.0f32),
+            size in proptest::array::uniform2(0.6..1.2f32),
+            fx in -0.4..0.4f32, lost in any::<bool>(), hurried in any::<bool>(),
+        ) {
+            let at = |point, size: f32, fx: f32| {
+                Load { size, point, shear: [fx * size.powi(3), 0.0], used: 0.5 }
+            };
+            let (finger, mut state) = (finger(), InverseState::default());
+            let (before, after) = (at(from, size[0], 0.0), at(to, size[1], fx));
+            for _ in 0..12 {
+                finger.sheared(&mut state, &displaced(&before), None).unwrap();
+            }
+            if lost {
+                state.interrupt();
+            }
+            state.wait(if hurried { 250 } else { 2000 });
+            let u = displaced(&after);
+            let touch = (0..40).map(|_| finger.sheared(&mut state, &u, None)).last().unwrap().unwrap();
+            for axis in 0..2 {
+                let off = touch.load.point[axis] - after.point[axis];
+                prop_assert!(off.abs() < 0.05, "{touch:?} {after:?}");
+            }
+        }
     }
 
     #[test]

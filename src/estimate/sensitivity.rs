@@ -13,6 +13,7 @@ pub struct Sensitivity(pub [[f32; 3]; 3]);
 impl Sensitivity {
     /// Returns S·(u − b): newtons in x, y, z.
     #[must_use]
+    #[inline]
     pub fn force(&self, signal: [f32; 3]) -> [f32; 3] {
         let [u, v, w] = signal;
         self.0.map(|[x, y, z]| x * u + y * v + z * w)

@@ -8,7 +8,7 @@
 //! contact now and then.
 
 use super::field::Load;
-use super::inverse::{Inverse, PRESSED_REACH, misfit, square};
+use super::inverse::{Inverse, PRESSED_REACH, misfit, square, squared};
 use super::linearised::{Linearised, UNKNOWNS};
 use crate::math::{at_least, cube_root, sqrt};
 use crate::scan::{PITCH, TAXELS};
@@ -118,21 +118,11 @@ impl Inverse {
     /// of the displacements, along the direction of largest spread. Forces that fit the
     /// displacements best complete the guess.
     fn first_guess(&self, u: &[f32; TAXELS]) -> Option<[Load; 2]> {
-        let weights = || u.iter().map(|u| u.max(0.0)).zip(&self.centres.0);
-        let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);
-        for (weight, [cx, cy]) in weights() {
-            sum += weight;
-            x += weight * cx;
-            y += weight * cy;
-        }
-        if !(f32::MIN_POSITIVE..f32::MAX).contains(&sum) {
-            return None;
-        }
-        let [x, y] = [x / sum, y / sum];
+        let (_, [x, y]) = self.centroid(u)?;
         // Second moments as the vector (xx − yy, 2xy), which points at twice the angle of the line.
         let (mut along, mut across) = (0.0, 0.0);
-        for (weight, [cx, cy]) in weights() {
-            let [dx, dy] = [cx - x, cy - y];
+        for (u, [cx, cy]) in u.iter().zip(&self.centres.0) {
+            let (weight, [dx, dy]) = (u.max(0.0), [cx - x, cy - y]);
             along += weight * (dx * dx - dy * dy);
             across += weight * 2.0 * dx * dy;
         }
@@ -189,12 +179,12 @@ impl Inverse {
             state.kept.weights = [error * error; UNKNOWNS];
             self.press(&around_a, &mut left, &mut state.kept.slopes, 0);
             self.press(&around_b, &mut left, &mut state.kept.slopes, 3);
-            if !state.kept.renew() {
+            if !state.kept.renew(0..UNKNOWNS) {
                 return None;
             }
             state.at = Some(*loads);
         }
-        let squares = left.iter().fold(0.0, |sum, left| sum + left * left);
+        let squares = squared(&left);
         let (step, explained) = state.kept.step(&left, &[0.0; UNKNOWNS]);
         let [das, dax, day, dbs, dbx, dby] = step;
         let [a, b] = loads;

@@ -24,6 +24,7 @@ use crate::finger::within;
 use crate::frame::Status;
 use crate::measured::{Measured, NoValue};
 use crate::scan::TAXELS;
+use crate::units::Micros;
 
 /// Error of the methods of [DeMaria2011] in the middle of the pad, in mm. The centroid has 0.6 to
 /// 1.
@@ -39,6 +40,9 @@ const SEVERAL: Gate = Gate { on: 10.0, off: 5.0, begin_frames: 4, end_frames: 20
 /// it with, which needs a few to converge.
 const TRUSTED: u8 = 32;
 const COMPARED: u8 = 4;
+/// Time in microseconds, besides that of a scan, over which a contact is followed from estimate to
+/// estimate; after a longer one it may have moved far.
+const FOLLOWED_US: u32 = 900;
 /// Relative uncertainty of the skin's stiffness, however well the model met its calibration.
 ///
 /// Stiffness grows by a third of a per cent with each kelvin, and the first loading meets a stiffer
@@ -66,17 +70,21 @@ pub(super) struct MatrixState {
     single: f32,
     /// Estimates since a believed pair began to be compared with a single contact.
     trusted: u8,
+    /// Whether the contact was off the pad, and has not been found on it since.
+    off: bool,
+    /// Time of the last estimate.
+    time: Micros,
 }
 
 impl MatrixState {
-    /// Marks lost scans: the contact may have moved far since.
-    pub(super) fn interrupt(&mut self) {
-        self.model.interrupt();
-    }
-
-    /// Tells that the last scan was `passed` microseconds ago.
-    pub(super) fn wait(&mut self, passed: u32) {
-        self.model.wait(passed);
+    /// Begins an estimate at `time`. Scans come every `period` microseconds, lost ones included.
+    pub(super) fn begin(&mut self, time: Micros, period: u32) {
+        if time.since(self.time) > period.saturating_add(FOLLOWED_US) {
+            self.model.interrupt();
+            self.trusted = 0;
+        }
+        self.time = time;
+        self.model.wait(period);
     }
 
     /// Forgets the contact.
@@ -84,7 +92,7 @@ impl MatrixState {
         self.model.clear();
         self.pair.clear();
         (self.sheared, self.several) = Default::default();
-        self.trusted = 0;
+        (self.trusted, self.off) = (0, false);
     }
 
     /// Returns whether a pair is believed and followed alone in this scan.
@@ -214,12 +222,14 @@ impl OpticalInput<'_> {
         status.insert(Status::RAN_MODEL);
         let u = model.curves.displacements(self.c);
         if state.alone() {
-            status.insert(Status::NOT_SINGLE);
             status.insert(Status::RAN_PAIR);
-            return match model.pair(&mut state.pair, &u, state.single, state.model.hurried()) {
-                Some(pair) => two(&pair, model.expected_share()),
-                None => self.single(model, &u, state, status),
-            };
+            let pair = model.pair(&mut state.pair, &u, state.single, state.model.hurried());
+            if let Some(pair) = pair {
+                status.insert(Status::NOT_SINGLE);
+                return two(&pair, model.expected_share());
+            }
+            // The last single contact is old, and lies between the two.
+            state.model.clear();
         }
         self.single(model, &u, state, status)
     }
@@ -254,24 +264,30 @@ impl OpticalInput<'_> {
         };
         let squared = touch.misfit * touch.misfit;
         let several = SEVERAL.update(&mut state.several, squared);
-        if several || !new && squared > SEVERAL.on * SEVERAL.on {
+        if several {
+            status.insert(Status::NOT_SINGLE);
+        }
+        if !several && squared <= SEVERAL.on * SEVERAL.on {
+            state.pair.clear();
+        } else if !new || state.pair.believed() {
             // The search begins while the gate still counts, but not in the scan of a new contact,
             // whose own search takes the time of this one.
             state.single = touch.misfit;
             let pair = model.pair(&mut state.pair, u, touch.misfit, state.model.hurried());
             if several {
-                status.insert(Status::NOT_SINGLE);
                 status.insert(Status::RAN_PAIR);
                 if let Some(pair) = pair {
                     return two(&pair, model.expected_share());
                 }
             }
-        } else {
-            state.pair.clear();
         }
-        if !touch.is_on_pad() {
-            // The search begins again.
+        let off = !touch.is_on_pad();
+        if off {
+            // The search begins again, and what it finds counts once it is sure.
             state.model.lose();
+        }
+        state.off = off || state.off && !touch.is_sure();
+        if state.off {
             return OpticalEstimate::nothing(NoValue::IllConditioned);
         }
         one(&touch, sheared, model.shear)
@@ -322,7 +338,7 @@ fn two(pair: &Pair, share: f32) -> OpticalEstimate {
         sigma: CENTROID_ERROR,
     };
     let unknown = Err(NoValue::NotEstimated);
-    let normal = Gaussian { value: sum, sigma: pair.misfit.max(1.0) * share * sum };
+    let normal = Gaussian { value: sum, sigma: (pair.misfit.max(1.0) * share + SKIN_ERROR) * sum };
     OpticalEstimate {
         force: [unknown, unknown, Ok(normal)],
         point: Ok([middle(|[x, _]| x), middle(|[_, y]| y)]),

@@ -186,6 +186,8 @@ pub fn fit_keeping(
         }
     }
     let told = compensation.lag.map(lag::told);
+    let late = compensation.lag.unwrap_or_default();
+    let by_sensors = lag::followed(&recordings, late.sensors);
     let mut fitted = Fitted {
         calibration: Calibration {
             serial: options.serial.clone(),
@@ -199,13 +201,16 @@ pub fn fit_keeping(
     };
     stage("force sensors");
     for sensor in 0..SENSORS {
-        fit_sensor(&mut fitted, sensor, &recordings, &subjects)?;
+        fit_sensor(&mut fitted, sensor, &by_sensors, &subjects)?;
     }
-    let reasons = fit_array(&mut fitted, &recordings, &subjects, options.net_only);
+    let rounded_off = lag::rounded_off(&recordings, &by_sensors);
+    let reasons = fit_array(&mut fitted, (&by_sensors, rounded_off), &subjects, options.net_only);
+    drop(by_sensors);
+    let by_taxels = lag::followed(&recordings, late.taxels);
     if !fitted.parts.is_empty() && fitted.calibration.validate().is_ok() {
         keep(&fitted);
     }
-    let fingers: Vec<&Prepared<'_>> = recordings
+    let fingers: Vec<&Prepared<'_>> = by_taxels
         .iter()
         .zip(&subjects)
         .filter(|(recording, subject)| {
@@ -390,7 +395,7 @@ fn keep_skin(fitted: &mut Fitted, skin: Skin) {
 /// Returns the reason for each sensor that is left out.
 fn fit_array(
     fitted: &mut Fitted,
-    recordings: &[Prepared<'_>],
+    (recordings, rounded_off): (&[Prepared<'_>], [f64; 3]),
     subjects: &[Subject],
     net_only: bool,
 ) -> channels::Reasons {
@@ -421,13 +426,17 @@ fn fit_array(
     if !live.contains(&true) {
         return reasons;
     }
-    let Some(array) = array::fit(&fingers, live, &fitted.calibration.sensors) else {
+    let Some(mut array) = array::fit(&fingers, live, &fitted.calibration.sensors) else {
         let few = "too few loaded rows with sound bridges";
         reasons.iter_mut().for_each(|reason| {
             reason.get_or_insert_with(|| few.to_owned());
         });
         return reasons;
     };
+    // The chip's force is that of the signals: what their lag rounds off is an error of it.
+    for (residual, off) in array.array.residual.iter_mut().zip(rounded_off) {
+        *residual = residual.hypot(off as f32);
+    }
     fitted.parts.push(Part {
         name: array.name,
         rows: array.rows,

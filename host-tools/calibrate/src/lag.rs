@@ -4,11 +4,14 @@
 //! therefore a function of the signals and T times its own rate. A press differs by its direction,
 //! too, because rubber has hysteresis; a column of its own keeps that from being taken for a lag.
 
+use std::borrow::Cow;
+
 use nalgebra::{Cholesky, DMatrix, DVector};
-use taxel::condition::{LagCompensation, Signals};
+use taxel::condition::{LagCompensation, LagState, Signals};
 use taxel::scan::{SENSORS, TAXELS};
 
 use crate::prepared::{Prepared, Subject};
+use crate::recording::Recording;
 
 /// Least lag that is worth the noise of its compensation, and longest of any coating, seconds.
 const WORTH: [f64; 2] = [0.25e-3, 0.02];
@@ -42,6 +45,110 @@ pub(crate) fn fit(recordings: &[Prepared<'_>], subjects: &[Subject]) -> Option<L
     let of = |lag: Option<f64>| lag.unwrap_or_default() as f32;
     (taxels.is_some() || sensors.is_some())
         .then(|| LagCompensation { taxels: of(taxels), sensors: of(sensors) })
+}
+
+/// Recordings whose reference acts as late as their signals do once `lag` seconds are compensated.
+///
+/// A compensated signal still rounds off what changes within a lag ([`LagCompensation`]). A static
+/// model that is fitted to it and to the exact force takes that for a property of the skin: the
+/// reference passes the same lag and the same compensation instead.
+pub(crate) fn followed<'r>(recordings: &'r [Prepared<'_>], lag: f32) -> Vec<Prepared<'r>> {
+    let of = |prepared: &'r Prepared<'_>| {
+        let recording: &Recording = &prepared.recording;
+        let recording = if lag > 0.0 {
+            let mut late = recording.clone();
+            follow(&mut late, lag);
+            Cow::Owned(late)
+        } else {
+            Cow::Borrowed(recording)
+        };
+        Prepared { recording, bias: prepared.bias, signals: prepared.signals.clone() }
+    };
+    recordings.iter().map(of).collect()
+}
+
+/// RMS of each component of the force that a compensated lag rounds off, in loaded rows.
+pub(crate) fn rounded_off(recordings: &[Prepared<'_>], followed: &[Prepared<'_>]) -> [f64; 3] {
+    let forces = |prepared: &[Prepared<'_>]| -> Vec<[f64; 3]> {
+        let samples = prepared.iter().flat_map(|prepared| &prepared.recording.samples);
+        samples.map(|sample| sample.truth.force.map(Option::unwrap_or_default)).collect()
+    };
+    let size = |force: &[f64; 3]| force.iter().map(|f| f * f).sum::<f64>();
+    let (exact, late) = (forces(recordings), forces(followed));
+    let most = exact.iter().map(size).fold(0.0, f64::max);
+    let (mut squares, mut rows) = ([0.0; 3], 0.0);
+    for (exact, late) in exact.iter().zip(&late).filter(|(f, _)| size(f) > LOADED * LOADED * most) {
+        rows += 1.0;
+        for ((sum, exact), late) in squares.iter_mut().zip(exact).zip(late) {
+            *sum += (exact - late).powi(2);
+        }
+    }
+    squares.map(|sum| (sum / f64::max(rows, 1.0)).sqrt())
+}
+
+/// Replaces the forces of a recording by those that a lag and its compensation leave of them.
+fn follow(recording: &mut Recording, lag: f32) {
+    let compensation = LagCompensation { taxels: lag, sensors: lag };
+    let (mut states, mut forces): (LagState, Option<[Late; FORCES]>) = Default::default();
+    let mut before = recording.samples.first().map_or(0, |sample| sample.scan.time.0);
+    for sample in &mut recording.samples {
+        let now = sample.scan.time.0;
+        let passed = now.saturating_sub(before);
+        before = now;
+        let truth = &mut sample.truth;
+        let own = || truth.force.iter().chain(truth.sensors.iter().flatten());
+        let acts: [f64; FORCES] = {
+            let mut own = own();
+            std::array::from_fn(|_| own.next().copied().flatten().unwrap_or_default())
+        };
+        let late = forces.get_or_insert(acts.map(Late::resting));
+        let mut late = late.iter_mut().zip(acts).map(|(late, acts)| late.follow(acts, passed, lag));
+        let mut next = || late.next().unwrap_or_default();
+        let taxels = std::array::from_fn(|k| if k < 3 { next() } else { 0.0 });
+        let bridges = std::array::from_fn(|_| Some(std::array::from_fn(|_| next())));
+        let mut signals = Signals { taxels: Some(taxels), bridges, ..Signals::default() };
+        compensation.advance(&mut states, u32::try_from(passed).unwrap_or(u32::MAX), &mut signals);
+        let seen = signals.taxels.iter().flatten().take(3);
+        let seen = seen.chain(signals.bridges.iter().flatten().flatten());
+        let known = truth.force.iter_mut().chain(truth.sensors.iter_mut().flatten());
+        for (force, seen) in known.zip(seen) {
+            *force = force.map(|_| f64::from(*seen));
+        }
+    }
+}
+
+/// Components of the force on the finger and of those on its sensors.
+const FORCES: usize = 3 + 3 * SENSORS;
+
+/// A force after two equal low-passes that together take the lag, as [Ospina2017] eq. (1.25) has
+/// them; between two rows the force is a straight line.
+#[derive(Clone, Copy)]
+struct Late {
+    force: f64,
+    passes: [f64; 2],
+}
+
+impl Late {
+    fn resting(force: f64) -> Self {
+        Self { force, passes: [force; 2] }
+    }
+
+    fn follow(&mut self, force: f64, passed: u64, lag: f32) -> f32 {
+        // Halves of the lag in the time that has passed.
+        let turns = passed as f64 * 1e-6 / (0.5 * f64::from(lag));
+        let (mut from, mut to) = (self.force, force);
+        for pass in &mut self.passes {
+            let before = *pass;
+            if turns > 0.0 {
+                let left = (-turns).exp();
+                let slope = (to - from) / turns;
+                *pass = to - slope + left * (before - from + slope);
+            }
+            (from, to) = (before, *pass);
+        }
+        self.force = force;
+        to as f32
+    }
 }
 
 /// Line for the user.
@@ -159,5 +266,92 @@ impl Equations {
         let variance = left * factor.solve(&unit)[at];
         // An exact fit has the deviation of rounding.
         Some((found[at], variance.max(1e-24).sqrt()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use taxel::condition::Bias;
+    use taxel::scan::{Codes, Scan};
+    use taxel::units::{FullScale, Micros};
+    use taxel_files::trace::{Sample, Truth};
+
+    /// Presses of 0.2 s, one after the other, at 1 kHz.
+    fn presses() -> Recording {
+        let sample = |i: u32| {
+            let turn = f64::from(i % 200) / 200.0 * std::f64::consts::TAU;
+            let (fz, fx) = (0.5 - 0.5 * turn.cos(), 0.2 * turn.sin());
+            let truth = Truth { force: [Some(fx), None, Some(fz)], ..Truth::default() };
+            let codes = Codes {
+                full_scale: FullScale::BITS_16,
+                taxels: None,
+                bridges: [None; SENSORS],
+                reference: None,
+                temperature: None,
+            };
+            let scan = Scan { time: Micros(u64::from(i) * 1000), lost: 0, codes };
+            Sample { scan, truth }
+        };
+        Recording { name: "presses".into(), samples: (0..2000).map(sample).collect() }
+    }
+
+    /// What a skin of two time constants of 2 ms and its compensation leave of the forces, with the
+    /// skin in steps of a microsecond.
+    fn seen(recording: &Recording, lag: f32) -> Vec<f64> {
+        let compensation = LagCompensation { taxels: lag, sensors: 0.0 };
+        let (mut state, mut skin) = (LagState::default(), [0.0; 2]);
+        let mut last = 0.0;
+        let seen = recording.samples.iter().map(|sample| {
+            let force = sample.truth.force[2].unwrap();
+            for step in 1..=1000 {
+                let now = last + (force - last) * f64::from(step) / 1000.0;
+                skin[0] += (now - skin[0]) / 2000.0;
+                skin[1] += (skin[0] - skin[1]) / 2000.0;
+            }
+            last = force;
+            let taxels = Some([skin[1] as f32; TAXELS]);
+            let mut signals = Signals { taxels, ..Signals::default() };
+            compensation.advance(&mut state, 1000, &mut signals);
+            f64::from(signals.taxels.unwrap()[0])
+        });
+        seen.collect()
+    }
+
+    fn most(a: &[f64], b: &[f64]) -> f64 {
+        a.iter().zip(b).skip(200).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn followed_force_is_that_of_the_compensated_signals() {
+        let (exact, mut followed) = (presses(), presses());
+        follow(&mut followed, 4e-3);
+        let normal = |r: &Recording| -> Vec<f64> {
+            r.samples.iter().filter_map(|sample| sample.truth.force[2]).collect()
+        };
+        let seen = seen(&exact, 4e-3);
+        let [off, left] = [&exact, &followed].map(|r| most(&normal(r), &seen));
+        assert!(off > 8e-3, "a press of 0.2 s is rounded off by a hundredth: {off}");
+        assert!(left < 3e-4, "{left}");
+        assert!(
+            followed
+                .samples
+                .iter()
+                .all(|s| s.truth.force[1].is_none() && s.truth.point == [None; 2])
+        );
+    }
+
+    #[test]
+    fn finger_without_lag_keeps_its_reference() {
+        let recording = presses();
+        let prepared = Prepared {
+            recording: Cow::Borrowed(&recording),
+            bias: Bias::default(),
+            signals: Vec::new(),
+        };
+        let same = std::slice::from_ref(&prepared);
+        let followed = followed(same, 0.0);
+        assert_eq!(*followed[0].recording, recording);
+        assert_eq!(rounded_off(same, &followed), [0.0; 3]);
     }
 }
