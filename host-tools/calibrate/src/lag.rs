@@ -296,7 +296,7 @@ mod tests {
         Recording { name: "presses".into(), samples: (0..2000).map(sample).collect() }
     }
 
-    /// What a skin of two time constants of 2 ms and its compensation leave of the forces, with the
+    /// Forces that a skin of two time constants of 2 ms and its compensation leave, with the
     /// skin in steps of a microsecond.
     fn seen(recording: &Recording, lag: f32) -> Vec<f64> {
         let compensation = LagCompensation { taxels: lag, sensors: 0.0 };

@@ -26,8 +26,9 @@ const STRAY: [f64; 2] = [0.015, 0.01];
 /// Prior standard deviation of a facet's place, mm: parts are placed to a tenth of a millimetre, and
 /// errors of neighbouring rows are alike, so that they tell less than they seem to.
 const FACET: f64 = 0.03;
-/// Prior standard deviation of the field's coefficients from the start.
-const SPREAD: f64 = 100.0;
+/// Prior standard deviation of the field's coefficients from the start, and that of the slip share:
+/// slip draws the traction in, and never out.
+const SPREAD: [f64; 2] = [100.0, 0.3];
 /// Relative prior precision of a curve's powers.
 const LITTLE: f64 = 1e-9;
 /// Normalised residual of a row from which it counts less (Huber 1964).
@@ -84,6 +85,12 @@ fn prior(coefficient: usize) -> [f64; 2] {
         POWERS..LINEAR => [stray, deviation.powi(-2)],
         LINEAR.. => [0.0, FACET.powi(-2)],
     }
+}
+
+/// Prior inverse variance of a coefficient of the field about the start.
+fn held(coefficient: usize) -> f64 {
+    let [free, slip] = SPREAD;
+    if coefficient == FIELD - 1 { slip.powi(-2) } else { free.powi(-2) }
 }
 
 /// The fit's unknowns and data.
@@ -208,7 +215,8 @@ impl<'r> Bundle<'r> {
             spread_over_cores(&self.presses, |presses| presses.iter().map(of_press).sum::<f64>())
                 .into_iter()
                 .sum();
-        let field = (self.field - half_space()).norm_squared() / (SPREAD * SPREAD);
+        let away = self.field - half_space();
+        let field: f64 = away.iter().enumerate().map(|(i, away)| held(i) * away * away).sum();
         let own = self.taxels.iter().flat_map(|taxel| taxel.iter().enumerate());
         let own = own.map(|(n, value)| {
             let [usual, weight] = prior(n);

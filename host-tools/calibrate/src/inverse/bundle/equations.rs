@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use taxel::scan::TAXELS;
 
-use super::{ALL, Bundle, Press, SPREAD, Seen, features, huber_weight, normalised, prior};
+use super::{ALL, Bundle, Press, Seen, features, held, huber_weight, normalised, prior};
 use super::{LINEAR, OWN, POWERS, spread_over_cores};
 use crate::inverse::forward::{FIELD, LOAD, half_space};
 
@@ -93,8 +93,8 @@ impl Bundle<'_> {
         }
         let away = half_space() - self.field;
         for i in 0..FIELD {
-            all.matrix[(i, i)] += SPREAD.powi(-2);
-            all.right[i] += away[i] * SPREAD.powi(-2);
+            all.matrix[(i, i)] += held(i);
+            all.right[i] += away[i] * held(i);
         }
         for (k, taxel) in self.taxels.iter().enumerate() {
             for (n, value) in taxel.iter().enumerate() {
