@@ -17,7 +17,7 @@ use crate::math::{at_least, sqrt};
 use crate::measured::{Measured, NoValue};
 use crate::scan::{COLS, ROWS, TAXEL_CENTRES, TAXELS};
 
-/// Steps in the first scan of a contact and after lost scans, if the scans leave time for them.
+/// Steps in the first scan of a contact and after a gap, if the scans leave time for them.
 /// Other scans take one: from the last contact it practically converges at a kilohertz.
 const FIRST_STEPS: u8 = 3;
 /// Time between scans, in microseconds, that leaves enough for [`FIRST_STEPS`].
@@ -139,7 +139,7 @@ pub struct Inverse {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct InverseState {
     last: Option<Load>,
-    /// Whether the contact has been found before, and no scan was lost since.
+    /// Whether the contact has been found before, and followed without a gap since.
     followed: bool,
     /// Whether scans follow too fast for more than a step.
     hurried: bool,

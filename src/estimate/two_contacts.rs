@@ -222,18 +222,13 @@ mod tests {
     }
 
     fn pair(u: &[f32; TAXELS]) -> Option<Pair> {
-        let mut state = PairState::default();
-        let misfit = single(u).misfit;
-        search(&mut state, u, misfit)
+        first(u, single(u).misfit)
     }
 
     /// Pair of as many scans as a search has, for a single contact of misfit `single`.
-    fn search(state: &mut PairState, u: &[f32; TAXELS], single: f32) -> Option<Pair> {
-        (0..SEARCH).map(|_| finger().pair(state, u, single, false)).last().flatten()
-    }
-
     fn first(u: &[f32; TAXELS], single: f32) -> Option<Pair> {
-        search(&mut PairState::default(), u, single)
+        let (finger, mut state) = (finger(), PairState::default());
+        (0..SEARCH).map(|_| finger.pair(&mut state, u, single, false)).last().flatten()
     }
 
     #[test]

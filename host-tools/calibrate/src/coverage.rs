@@ -157,9 +157,9 @@ impl Display for Coverage {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use taxel::scan::{Codes, SENSORS, Scan};
-    use taxel::units::{FullScale, Micros};
-    use taxel_files::trace::{Sample, Truth};
+    use taxel_files::trace::Truth;
+
+    use crate::recording::bare_sample;
 
     /// Presses at each place for half a second, sheared as given.
     fn presses(places: &[[f64; 2]], shear: [f64; 2]) -> Recording {
@@ -171,15 +171,7 @@ mod tests {
                 contact: Some(force > 0.0),
                 ..Truth::default()
             };
-            let codes = Codes {
-                full_scale: FullScale::BITS_16,
-                taxels: None,
-                bridges: [None; SENSORS],
-                reference: None,
-                temperature: None,
-            };
-            let scan = Scan { time: Micros(10_000 * i as u64), lost: 0, codes };
-            Sample { scan, truth }
+            bare_sample(10_000 * i as u64, truth)
         };
         Recording { name: "a".into(), samples: (0..100 * places.len()).map(row).collect() }
     }

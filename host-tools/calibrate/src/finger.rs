@@ -204,7 +204,7 @@ pub fn fit_keeping(
         fit_sensor(&mut fitted, sensor, &by_sensors, &subjects)?;
     }
     let rounded_off = lag::rounded_off(&recordings, &by_sensors);
-    let reasons = fit_array(&mut fitted, (&by_sensors, rounded_off), &subjects, options.net_only);
+    let reasons = fit_array(&mut fitted, &by_sensors, rounded_off, &subjects, options.net_only);
     drop(by_sensors);
     let by_taxels = lag::followed(&recordings, late.taxels);
     if !fitted.parts.is_empty() && fitted.calibration.validate().is_ok() {
@@ -395,7 +395,8 @@ fn keep_skin(fitted: &mut Fitted, skin: Skin) {
 /// Returns the reason for each sensor that is left out.
 fn fit_array(
     fitted: &mut Fitted,
-    (recordings, rounded_off): (&[Prepared<'_>], [f64; 3]),
+    recordings: &[Prepared<'_>],
+    rounded_off: [f64; 3],
     subjects: &[Subject],
     net_only: bool,
 ) -> channels::Reasons {

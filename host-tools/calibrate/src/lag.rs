@@ -52,19 +52,13 @@ pub(crate) fn fit(recordings: &[Prepared<'_>], subjects: &[Subject]) -> Option<L
 /// A compensated signal still rounds off what changes within a lag ([`LagCompensation`]). A static
 /// model that is fitted to it and to the exact force takes that for a property of the skin: the
 /// reference passes the same lag and the same compensation instead.
-pub(crate) fn followed<'r>(recordings: &'r [Prepared<'_>], lag: f32) -> Vec<Prepared<'r>> {
-    let of = |prepared: &'r Prepared<'_>| {
-        let recording: &Recording = &prepared.recording;
-        let recording = if lag > 0.0 {
-            let mut late = recording.clone();
-            follow(&mut late, lag);
-            Cow::Owned(late)
-        } else {
-            Cow::Borrowed(recording)
-        };
-        Prepared { recording, bias: prepared.bias, signals: prepared.signals.clone() }
-    };
-    recordings.iter().map(of).collect()
+pub(crate) fn followed<'r>(recordings: &'r [Prepared<'r>], lag: f32) -> Cow<'r, [Prepared<'r>]> {
+    if lag <= 0.0 {
+        return Cow::Borrowed(recordings);
+    }
+    let mut late = recordings.to_vec();
+    late.iter_mut().for_each(|prepared| follow(prepared.recording.to_mut(), lag));
+    Cow::Owned(late)
 }
 
 /// RMS of each component of the force that a compensated lag rounds off, in loaded rows.
@@ -73,11 +67,10 @@ pub(crate) fn rounded_off(recordings: &[Prepared<'_>], followed: &[Prepared<'_>]
         let samples = prepared.iter().flat_map(|prepared| &prepared.recording.samples);
         samples.map(|sample| sample.truth.force.map(Option::unwrap_or_default)).collect()
     };
-    let size = |force: &[f64; 3]| force.iter().map(|f| f * f).sum::<f64>();
     let (exact, late) = (forces(recordings), forces(followed));
-    let most = exact.iter().map(size).fold(0.0, f64::max);
+    let most = exact.iter().copied().map(size).fold(0.0, f64::max);
     let (mut squares, mut rows) = ([0.0; 3], 0.0);
-    for (exact, late) in exact.iter().zip(&late).filter(|(f, _)| size(f) > LOADED * LOADED * most) {
+    for (exact, late) in exact.iter().zip(&late).filter(|(f, _)| size(**f) > LOADED * most) {
         rows += 1.0;
         for ((sum, exact), late) in squares.iter_mut().zip(exact).zip(late) {
             *sum += (exact - late).powi(2);
@@ -96,11 +89,9 @@ fn follow(recording: &mut Recording, lag: f32) {
         let passed = now.saturating_sub(before);
         before = now;
         let truth = &mut sample.truth;
-        let own = || truth.force.iter().chain(truth.sensors.iter().flatten());
-        let acts: [f64; FORCES] = {
-            let mut own = own();
-            std::array::from_fn(|_| own.next().copied().flatten().unwrap_or_default())
-        };
+        let mut own = truth.force.iter().chain(truth.sensors.iter().flatten());
+        let acts: [f64; FORCES] =
+            std::array::from_fn(|_| own.next().copied().flatten().unwrap_or_default());
         let late = forces.get_or_insert(acts.map(Late::resting));
         let mut late = late.iter_mut().zip(acts).map(|(late, acts)| late.follow(acts, passed, lag));
         let mut next = || late.next().unwrap_or_default();
@@ -159,6 +150,10 @@ pub(crate) fn told(lag: LagCompensation) -> String {
     )
 }
 
+fn size([x, y, z]: [f64; 3]) -> f64 {
+    x.hypot(y).hypot(z)
+}
+
 /// Features of a row's signals; `None` if a channel is faulty.
 type Features<'f> = &'f dyn Fn(&Signals) -> Option<Vec<f64>>;
 
@@ -193,7 +188,6 @@ fn rows(prepared: &Prepared<'_>, axis: usize, features: Features<'_>, equations:
     };
     let known = |i: usize| samples[i].truth.force[axis].is_some();
     let seconds = |i: usize| samples[i].scan.time.0 as f64 * 1e-6;
-    let size = |[x, y, z]: [f64; 3]| x.hypot(y).hypot(z);
     let most = (0..samples.len()).filter_map(force).map(size).fold(0.0, f64::max);
     let (mut before, mut after) = (0, 0);
     for at in 0..samples.len() {
@@ -273,9 +267,9 @@ impl Equations {
 mod tests {
     use super::*;
     use taxel::condition::Bias;
-    use taxel::scan::{Codes, Scan};
-    use taxel::units::{FullScale, Micros};
-    use taxel_files::trace::{Sample, Truth};
+    use taxel_files::trace::Truth;
+
+    use crate::recording::bare_sample;
 
     /// Presses of 0.2 s, one after the other, at 1 kHz.
     fn presses() -> Recording {
@@ -283,15 +277,7 @@ mod tests {
             let turn = f64::from(i % 200) / 200.0 * std::f64::consts::TAU;
             let (fz, fx) = (0.5 - 0.5 * turn.cos(), 0.2 * turn.sin());
             let truth = Truth { force: [Some(fx), None, Some(fz)], ..Truth::default() };
-            let codes = Codes {
-                full_scale: FullScale::BITS_16,
-                taxels: None,
-                bridges: [None; SENSORS],
-                reference: None,
-                temperature: None,
-            };
-            let scan = Scan { time: Micros(u64::from(i) * 1000), lost: 0, codes };
-            Sample { scan, truth }
+            bare_sample(u64::from(i) * 1000, truth)
         };
         Recording { name: "presses".into(), samples: (0..2000).map(sample).collect() }
     }

@@ -45,6 +45,7 @@ pub(crate) enum Loads {
 }
 
 /// A recording with its signals as on the chip.
+#[derive(Clone)]
 pub(crate) struct Prepared<'r> {
     pub recording: Cow<'r, Recording>,
     pub bias: Bias,

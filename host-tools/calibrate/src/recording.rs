@@ -8,6 +8,10 @@ use taxel::calibration::Calibration;
 use taxel::condition::{Bias, BiasTaker, Levels, Signals, TemperatureCompensation, Thermometer};
 use taxel::finger::{Estimate, Finger, Wanted};
 use taxel::frame::Fields;
+#[cfg(test)]
+use taxel::scan::{Codes, SENSORS, Scan};
+#[cfg(test)]
+use taxel::units::{FullScale, Micros};
 use taxel_files::table::Table;
 use taxel_files::trace::{Sample, Truth};
 
@@ -321,4 +325,17 @@ fn channels(sample: &Sample) -> Vec<f64> {
     let taxels = levels.taxels.iter().flatten();
     let bridges = levels.bridges.iter().flatten().flatten();
     taxels.chain(bridges).map(|level| f64::from(*level)).collect()
+}
+
+/// Row of a trace with a truth and no codes.
+#[cfg(test)]
+pub(crate) fn bare_sample(micros: u64, truth: Truth) -> Sample {
+    let codes = Codes {
+        full_scale: FullScale::BITS_16,
+        taxels: None,
+        bridges: [None; SENSORS],
+        reference: None,
+        temperature: None,
+    };
+    Sample { scan: Scan { time: Micros(micros), lost: 0, codes }, truth }
 }
