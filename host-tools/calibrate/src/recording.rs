@@ -5,7 +5,10 @@ use std::borrow::Cow;
 use std::ops::Range;
 
 use taxel::calibration::Calibration;
-use taxel::condition::{Bias, BiasTaker, Levels, Signals, TemperatureCompensation, Thermometer};
+use taxel::condition::{
+    Bias, BiasTaker, LagCompensation, LagState, Levels, Signals, TemperatureCompensation,
+    Thermometer,
+};
 use taxel::finger::{Estimate, Finger, Wanted};
 use taxel::frame::Fields;
 #[cfg(test)]
@@ -15,11 +18,14 @@ use taxel::units::{FullScale, Micros};
 use taxel_files::table::Table;
 use taxel_files::trace::{Sample, Truth};
 
+use crate::lag;
 use taxel_regress::align::{self, Alignment, Series};
 use taxel_regress::error::FitError;
 use taxel_regress::quantile::median;
 use taxel_regress::shear::FORCES;
 
+/// Least correlation of a reference with its linear prediction that shows a lag behind another clock.
+const LINEAR: f64 = 0.999;
 /// Fewest rows of an unloaded stretch.
 const LEAST_ROWS: usize = 20;
 /// Most rows of an unloaded stretch; more do not improve a bias.
@@ -48,10 +54,17 @@ pub struct Recording {
 impl Recording {
     /// Takes the forces from a reference with another clock; rows beyond it get none.
     ///
+    /// The finger's lag is the one given, of its calibration, or else is found. It is returned with
+    /// the alignment; `None` if the offset of the clocks hides it.
+    ///
     /// # Errors
     ///
     /// A column that is not a force of the finger, or the two cannot be aligned in time.
-    pub fn align(&mut self, reference: &Table) -> Result<Alignment, FitError> {
+    pub fn align(
+        &mut self,
+        reference: &Table,
+        lag: Option<LagCompensation>,
+    ) -> Result<(Alignment, Option<f64>), FitError> {
         let axes = reference.names.iter().map(|name| {
             let axis = FORCES.iter().position(|force| force == name);
             axis.ok_or_else(|| FitError::Unaligned {
@@ -62,13 +75,23 @@ impl Recording {
         });
         let axes: Vec<usize> = axes.collect::<Result<_, _>>()?;
         let times: Vec<f64> = self.samples.iter().map(|s| s.scan.time.0 as f64 * 1e-6).collect();
-        let levels: Vec<Vec<f64>> = self.samples.iter().map(channels).collect();
+        let levels = match lag {
+            Some(lag) => prompt(&self.samples, lag),
+            None => self.samples.iter().map(channels).collect(),
+        };
         // `align` rejects stamps that cannot be spread.
         let clock = align::told_apart(&reference.times).unwrap_or(Cow::Borrowed(&reference.times));
         let other = Series { times: &clock, rows: &reference.rows };
         let name = reference.path.display().to_string();
         let sensor = Series { times: &times, rows: &levels };
-        let alignment = align::align([&self.name, &name], sensor, other)?;
+        let mut alignment = align::align([&self.name, &name], sensor, other)?;
+        let hidden = if lag.is_none() && alignment.correlation > LINEAR {
+            let own_times: Vec<f64> = clock.iter().map(|t| alignment.own_time(*t)).collect();
+            lag::hidden(sensor, Series { times: &own_times, ..other })
+        } else {
+            None
+        };
+        alignment.offset += hidden.unwrap_or_default();
         let times: Vec<f64> = times.iter().map(|t| alignment.time(*t)).collect();
         let forces = align::resample(other, &times);
         if forces.iter().all(Option::is_none) {
@@ -79,7 +102,7 @@ impl Recording {
                 sample.truth.force[*axis] = forces.as_ref().map(|forces| forces[at]);
             }
         }
-        Ok(alignment)
+        Ok((alignment, lag.map(|lag| f64::from(lag.sensors)).or(hidden)))
     }
 
     /// Returns the recording with its truth read at the aligned times; rows beyond it get none.
@@ -325,6 +348,21 @@ fn channels(sample: &Sample) -> Vec<f64> {
     let taxels = levels.taxels.iter().flatten();
     let bridges = levels.bridges.iter().flatten().flatten();
     taxels.chain(bridges).map(|level| f64::from(*level)).collect()
+}
+
+/// Levels of every row with the lag compensated.
+fn prompt(samples: &[Sample], lag: LagCompensation) -> Vec<Vec<f64>> {
+    let (mut state, mut before) = (LagState::default(), None);
+    let rows = samples.iter().map(|sample| {
+        let now = sample.scan.time.0;
+        let passed = now.saturating_sub(before.replace(now).unwrap_or(now));
+        let Levels { taxels, bridges, .. } = Levels::read(&sample.scan.codes);
+        let mut signals = Signals { taxels, bridges, ..Signals::default() };
+        lag.advance(&mut state, u32::try_from(passed).unwrap_or(u32::MAX), &mut signals);
+        let bridges = signals.bridges.iter().flatten().flatten();
+        signals.taxels.iter().flatten().chain(bridges).map(|level| f64::from(*level)).collect()
+    });
+    rows.collect()
 }
 
 /// Row of a trace with a truth and no codes.

@@ -103,6 +103,26 @@ fn resample_interpolates_but_bridges_no_gaps() {
 }
 
 #[test]
+fn resample_keeps_the_tops_of_short_presses() {
+    let press = |t: f64| 0.5 - 0.5 * (std::f64::consts::TAU * t / 0.2).cos();
+    let times: Vec<f64> = (0..200).map(|i| f64::from(i) * 0.01).collect();
+    let rows: Vec<Vec<f64>> = times.iter().map(|t| vec![press(*t)]).collect();
+    let at: Vec<f64> = (100..900).map(|i| f64::from(i) * 0.002 + 0.001).collect();
+    let found = resample(Series { times: &times, rows: &rows }, &at);
+    let most = at.iter().zip(found).map(|(t, row)| (row.unwrap()[0] - press(*t)).abs());
+    let most = most.fold(0.0, f64::max);
+    assert!(most < 1e-4, "{most}");
+}
+
+#[test]
+fn resample_is_straight_where_readings_come_in_bursts() {
+    let times = [0.0, 0.001, 0.05, 0.1, 0.101, 0.15];
+    let rows = [0.0, 1.0, 0.0, 0.0, 1.0, 0.0].map(|x| vec![x]);
+    let found = resample(Series { times: &times, rows: &rows }, &[0.0005, 0.1005]);
+    assert!(found.iter().all(|row| (row.as_ref().unwrap()[0] - 0.5).abs() < 1e-9), "{found:?}");
+}
+
+#[test]
 fn misaligned_finds_rate_error_of_three_percent() {
     let (times, rows) = sensor();
     let series = Series { times: &times, rows: &rows };

@@ -97,7 +97,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         args.overwrite,
     )?;
     let old = calibration::read(&args.calibration)?;
-    let data::Read { mut recordings, alignments } = data::traces(&args.data, &args.reference)?;
+    let data::Read { mut recordings, alignments } =
+        data::traces(&args.data, &args.reference, old.lag)?;
     if let Some(newtons) = args.weight {
         for recording in &mut recordings {
             adjust::weigh(&old, recording, newtons)?;

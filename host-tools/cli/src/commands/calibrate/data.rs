@@ -5,6 +5,7 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use taxel::condition::LagCompensation;
 use taxel_calibrate::recording::Recording;
 use taxel_files::recording::Scans;
 use taxel_files::stretch::Stretch;
@@ -37,18 +38,39 @@ pub struct Aligned {
     rate: f64,
     residual_s: f64,
     correlation: f64,
+    /// Lag of the finger behind its reference; `None` if the offset hides it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    lag_s: Option<f64>,
+    /// Whether the reference is of a finger, not of a table.
+    #[serde(skip)]
+    finger: bool,
 }
 
 impl Aligned {
     fn new(reference: &Path, found: Alignment) -> Self {
         let Alignment { offset, rate, residual, correlation } = found;
         let reference = reference.to_owned();
-        Self { reference, offset_s: offset, rate, residual_s: residual, correlation }
+        Self {
+            reference,
+            offset_s: offset,
+            rate,
+            residual_s: residual,
+            correlation,
+            lag_s: None,
+            finger: false,
+        }
     }
 
     pub fn describe(&self) -> String {
+        let finger = match self.lag_s {
+            Some(lag) => format!("; finger {:.1} ms behind", 1e3 * lag),
+            None if self.finger => {
+                "; a lag of the finger is not told from the clock's offset".to_owned()
+            }
+            None => String::new(),
+        };
         format!(
-            "{}: clock {:+.4} s, {:+.3} % fast, within {:.1} ms; correlation {:.4}",
+            "{}: clock {:+.4} s, {:+.3} % fast, within {:.1} ms; correlation {:.4}{finger}",
             self.reference.display(),
             self.offset_s,
             1e2 * self.rate,
@@ -59,8 +81,12 @@ impl Aligned {
 }
 
 /// Reads traces of a finger, or recordings of its codes. Each must have rows. `references` is
-/// empty, or has one for each.
-pub fn traces(stretches: &[Stretch], references: &[PathBuf]) -> anyhow::Result<Read<Recording>> {
+/// empty, or has one for each. `lag` is that of the finger's calibration, if there is one.
+pub fn traces(
+    stretches: &[Stretch],
+    references: &[PathBuf],
+    lag: Option<LagCompensation>,
+) -> anyhow::Result<Read<Recording>> {
     let mut read = Read { recordings: Vec::new(), alignments: Vec::new() };
     for (stretch, reference) in paired(stretches, references)? {
         anyhow::ensure!(
@@ -78,7 +104,9 @@ pub fn traces(stretches: &[Stretch], references: &[PathBuf]) -> anyhow::Result<R
         let mut recording = Recording { name, samples };
         if let Some(path) = reference {
             let reference = table::read(&Stretch::whole(path), &["f*_n"])?;
-            read.alignments.push(Aligned::new(path, recording.align(&reference)?));
+            let (found, late) = recording.align(&reference, lag)?;
+            let aligned = Aligned::new(path, found);
+            read.alignments.push(Aligned { lag_s: late, finger: true, ..aligned });
         }
         read.recordings.push(recording);
     }

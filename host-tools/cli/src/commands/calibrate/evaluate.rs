@@ -99,7 +99,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         Kind::Finger => {
             let calibration = calibration::read(&args.calibration)?;
             let only = args.only.map_or(Only::Both, Only::from);
-            let read = data::traces(&args.data, &args.reference)?;
+            let read = data::traces(&args.data, &args.reference, calibration.lag)?;
             read.note();
             let judge = |recording| {
                 let (calibration, recording) = only.of(&calibration, recording);

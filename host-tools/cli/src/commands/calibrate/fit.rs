@@ -373,7 +373,7 @@ fn fit_finger(
     progress: &mut dyn FnMut(Progress),
     stop: &Interrupt,
 ) -> anyhow::Result<Outcome> {
-    let data::Read { recordings, alignments } = data::traces(&args.data, &args.reference)?;
+    let data::Read { recordings, alignments } = data::traces(&args.data, &args.reference, None)?;
     let matrix = recordings
         .iter()
         .flat_map(|recording| &recording.samples)

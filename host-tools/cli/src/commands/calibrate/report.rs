@@ -63,8 +63,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let mut report = match calibration::kind(&args.calibration)? {
         Kind::Finger => {
             let calibration = calibration::read(&args.calibration)?;
-            let judged = data::traces(&args.data, &args.reference)?;
-            let fitted = data::traces(&args.fitted_to, &args.fitted_reference)?;
+            let judged = data::traces(&args.data, &args.reference, calibration.lag)?;
+            let fitted = data::traces(&args.fitted_to, &args.fitted_reference, calibration.lag)?;
             judged.note();
             judge(&calibration, &judged.recordings, &fitted.recordings)
         }
