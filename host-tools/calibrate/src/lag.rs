@@ -452,17 +452,18 @@ mod tests {
 
     /// Presses of 0.2 s that begin softly, with rests.
     fn soft(t: f64) -> f64 {
-        0.5 - 0.5 * ((t % 0.3).min(0.2) * std::f64::consts::TAU / 0.2).cos()
+        0.5 - 0.5 * ((t % 0.3037).min(0.2) * std::f64::consts::TAU / 0.2).cos()
     }
 
-    /// Presses of 0.13 s that begin at their full speed.
+    /// Presses of 0.132 s that begin at their full speed.
     fn hard(t: f64) -> f64 {
-        (t * std::f64::consts::TAU / 0.26).sin().max(0.0)
+        (t * std::f64::consts::TAU / 0.2637).sin().max(0.0)
     }
 
     #[test]
     fn lag_behind_another_clock_is_found() {
-        let cases = [(soft as fn(f64) -> f64, 4e-3, 7e-4), (soft, 5e-3, 7e-4), (hard, 4e-3, 1e-3)];
+        let cases =
+            [(soft as fn(f64) -> f64, 4e-3, 7e-4), (soft, 4.2e-3, 7e-4), (hard, 4e-3, 1e-3)];
         for (force, early, most) in cases {
             let [channels, readings] = logged(force, 4e-3, early);
             let found = hidden(series(&channels), series(&readings)).expect("a lag");
