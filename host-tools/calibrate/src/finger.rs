@@ -365,7 +365,7 @@ fn keep_skin(fitted: &mut Fitted, skin: Skin) {
     // A place below the pitch of the taxels is never dropped for the sake of the force, nor a normal
     // force that is twice as good for the sake of the shear.
     let misplaced = place.is_none_or(|[own, centroid]| own > centroid);
-    let firm = place.is_some() && TWICE * residual[2] < own[components.min(3) - 1];
+    let firm = TWICE * residual[2] < own[components.min(3) - 1];
     if worse && misplaced && !firm {
         if place.is_none() {
             return;

@@ -16,8 +16,8 @@ use taxel::estimate::field::{Field, Radial};
 use taxel::estimate::inverse::{Centres, Curves, Inverse};
 use taxel::scan::{COLS, ROWS, TAXELS};
 
-use bundle::{Bundle, Labels};
-use forward::{Coefficients, FIELD, LOAD, RADIAL};
+use bundle::{Bundle, Labels, Places};
+use forward::{Coefficients, FIELD, LOAD, RADIAL, framed};
 use taxel_regress::error::FitError;
 use taxel_regress::network::Progress;
 
@@ -59,6 +59,9 @@ const LITTLE: f64 = 3e-4;
 const SMALL_STEPS: usize = 2;
 /// Small relative change once places are taken as labelled, because steps are cheap there.
 const LITTLE_EXACT: f64 = 1e-5;
+/// The same while places are free.
+const STEPS_FREE: usize = 100;
+const LITTLE_FREE: f64 = 1e-4;
 /// Damping above which no step helps.
 const STIFF: f64 = 1e6;
 /// Noise of labelled places to begin with: of a press and of a row about it, mm …
@@ -103,18 +106,48 @@ pub fn fit(
     }
     let presses = thinned(presses, count.div_ceil(MOST_ROWS));
     let Known { friction, noise, shear, force_noise, placed } = known;
-    let [press, row] = if placed { PLACED } else { GUESSED };
-    let labels = Labels { force: force_noise, press, row };
-    let mut at = Bundle::new(&presses, labels, (friction, noise, shear));
+    let ([press, row], places) =
+        if placed { (PLACED, Places::Labels) } else { (GUESSED, Places::Guesses) };
+    let labels = Labels { force: force_noise, press, row, places };
+    let mut first = Bundle::new(&presses, labels, (friction, noise, shear));
     if let Some(start) = start {
-        (at.field, at.taxels) = (start.field, start.taxels);
+        (first.field, first.taxels) = (start.field, start.taxels);
     }
+    let mut search = |at| search(part, at, progress, stop);
+    let at = if placed {
+        search(first)?
+    } else {
+        // A free search ends near its start: a half-space for a wide skin, a framed one for another.
+        let mut free = first.clone();
+        free.free_places();
+        let free = search(free)?;
+        if start.is_some() {
+            free
+        } else {
+            let mut other = first.with_field(framed());
+            other.free_places();
+            let other = search(other)?;
+            if other.objective() < free.objective() { other } else { free }
+        }
+    };
+    let model = finish(&at, known);
+    Ok(Fit { model, place_noise: at.labels.press, field: at.field, taxels: at.taxels })
+}
+
+/// Levenberg–Marquardt from a start. Stopped later than in the first step, it keeps the best so far.
+fn search<'r>(
+    part: &str,
+    mut at: Bundle<'r>,
+    progress: &mut dyn FnMut(Progress),
+    stop: &AtomicBool,
+) -> Result<Bundle<'r>, FitError> {
     let mut damping = 1e-3;
     let (mut squares, mut equations, mut small) = (at.objective(), None, 0);
-    let mut little = LITTLE;
-    for step in 0..STEPS {
+    let mut little = if at.labels.places == Places::Free { LITTLE_FREE } else { LITTLE };
+    let steps = if at.labels.places == Places::Free { STEPS_FREE } else { STEPS };
+    for step in 0..steps {
         let error = (squares / at.values() as f64).sqrt();
-        progress(Progress { part: part.into(), step, of: STEPS, error });
+        progress(Progress { part: part.into(), step, of: steps, error });
         if stop.load(Ordering::Relaxed) {
             if step == 0 {
                 return Err(FitError::Stopped);
@@ -148,8 +181,12 @@ pub fn fit(
             }
         }
     }
-    let model = finish(&at, known);
-    Ok(Fit { model, place_noise: at.labels.press, field: at.field, taxels: at.taxels })
+    eprintln!(
+        "DBG {part} {small} {:.5} {:?}",
+        (at.objective() / at.values() as f64).sqrt(),
+        at.labels
+    );
+    Ok(at)
 }
 
 /// Keeps every n-th row, counted through all presses.

@@ -12,7 +12,9 @@ use std::thread;
 use nalgebra::{Cholesky, SMatrix, SVector};
 use taxel::scan::{TAXEL_CENTRES, TAXELS};
 
-use super::forward::{Coefficients, Displacement, FIELD, LOAD, UNIT, displacement, half_space};
+use super::forward::{
+    Coefficients, Displacement, FIELD, LOAD, UNIT, arm, displacement, half_space,
+};
 use super::{LINEAR, OWN, POWERS, Row, neighbours};
 use equations::Equations;
 
@@ -29,6 +31,10 @@ const FACET: f64 = 0.03;
 /// Prior standard deviation of the field's coefficients from the start, and that of the slip share:
 /// slip draws the traction in, and never out.
 const SPREAD: [f64; 2] = [100.0, 0.3];
+/// Squared sizes of contacts whose arm of the shear is held where no place is labelled, and its
+/// prior standard deviation about that of a half-space, mm: fingers with labels differ by as much.
+const SIZES: [f64; 3] = [0.5, 1.0, 1.5];
+const ARM: f64 = 0.3;
 /// Relative prior precision of a curve's powers.
 const LITTLE: f64 = 1e-9;
 /// Normalised residual of a row from which it counts less (Huber 1964).
@@ -39,6 +45,13 @@ const LEAST_PLACE: f64 = 1e-3;
 const SURE_PLACE: f64 = 0.01;
 /// Noise of forces and places that are taken as labelled, newtons and mm.
 const EXACT: f64 = 1e-6;
+/// Standard deviations of the place of a press, and of a row about it, if nothing is known of them,
+/// mm: a press then has no place of its own.
+const FREE: (f64, f64) = (1e-5, 1.0);
+/// Most steps in which the load of a row with a free place is found.
+const SETTLING: usize = 8;
+/// Times that curves and loads are found in turn before the search.
+const ALTERNATIONS: usize = 3;
 /// Largest step of a place, mm.
 const PLACE_STEP: f64 = 0.5;
 
@@ -51,6 +64,19 @@ pub(super) struct Labels {
     pub press: f64,
     /// Place of a row about that of its press, mm.
     pub row: f64,
+    /// Meaning of the places.
+    pub places: Places,
+}
+
+/// Meaning of the labelled places.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Places {
+    /// Measured.
+    Labels,
+    /// First guesses, about which the places are held.
+    Guesses,
+    /// First guesses, which count for nothing.
+    Free,
 }
 
 impl Labels {
@@ -169,6 +195,13 @@ impl<'r> Bundle<'r> {
         values
     }
 
+    /// Starts from another field.
+    pub fn with_field(mut self, field: Coefficients) -> Self {
+        self.field = field;
+        self.solve_linear();
+        self
+    }
+
     /// Solves for the curves and stray light at the present field and loads.
     fn solve_linear(&mut self) {
         let none = (SMatrix::<f64, OWN, OWN>::zeros(), SVector::<f64, OWN>::zeros());
@@ -200,15 +233,10 @@ impl<'r> Bundle<'r> {
     pub fn objective(&self) -> f64 {
         let spread = self.spread();
         let of_press = |press: &Press<'_>| {
-            let rows = press.rows.iter().map(|seen| {
-                let u = self.displacements(&Self::load(press, seen));
-                let mut squares = normalised(&seen.away, &spread).norm_squared();
-                for (k, u) in u.iter().enumerate() {
-                    let said = features(k, *u, seen.row).dot(&self.taxels[k]);
-                    squares += ((seen.row.signals[k] - said) / seen.sigma).powi(2);
-                }
-                huber(squares, self.labels.huber())
-            });
+            let rows = press
+                .rows
+                .iter()
+                .map(|seen| huber(self.squares(press, seen, &spread), self.labels.huber()));
             rows.sum::<f64>() + press.away.norm_squared() / self.labels.press.powi(2)
         };
         let presses: f64 =
@@ -217,12 +245,34 @@ impl<'r> Bundle<'r> {
                 .sum();
         let away = self.field - half_space();
         let field: f64 = away.iter().enumerate().map(|(i, away)| held(i) * away * away).sum();
+        let arms: f64 = self.arms().iter().map(|(deviation, _)| deviation * deviation).sum();
         let own = self.taxels.iter().flat_map(|taxel| taxel.iter().enumerate());
         let own = own.map(|(n, value)| {
             let [usual, weight] = prior(n);
             weight * (value - usual).powi(2)
         });
-        presses + field + own.sum::<f64>()
+        presses + field + arms + own.sum::<f64>()
+    }
+
+    /// Deviations of the shear's arms from a half-space's, in their prior's, with their derivatives
+    /// by the field; none where places are labelled.
+    fn arms(&self) -> Vec<(f64, Coefficients)> {
+        const STEP: f64 = 1e-5;
+        if self.labels.places == Places::Labels || !self.shear {
+            return Vec::new();
+        }
+        let of_size = |size2: &f64| {
+            let deviation = |p: &Coefficients| (arm(p, *size2) - arm(&half_space(), *size2)) / ARM;
+            let slope = |i: usize, _| {
+                let mut moved = self.field;
+                moved[i] += STEP;
+                let after = deviation(&moved);
+                moved[i] -= 2.0 * STEP;
+                (after - deviation(&moved)) / (2.0 * STEP)
+            };
+            (deviation(&self.field), Coefficients::from_fn(slope))
+        };
+        SIZES.iter().map(of_size).collect()
     }
 
     /// Number of residuals of the signals.
@@ -254,6 +304,10 @@ impl<'r> Bundle<'r> {
             }
         }
         let spread = self.spread();
+        if self.labels.places == Places::Free {
+            next.settle();
+            return Some(next);
+        }
         for (press, back) in next.presses.iter_mut().zip(&equations.back) {
             let mut away = back.own - back.by_all.tr_mul(&step);
             away.iter_mut().for_each(|d| *d = d.clamp(-PLACE_STEP, PLACE_STEP));
@@ -266,10 +320,91 @@ impl<'r> Bundle<'r> {
         Some(next)
     }
 
+    /// Finds the load of every row anew, with the coefficients as they are.
+    ///
+    /// A place that is free moves by more than the linearised equations tell.
+    pub fn settle(&mut self) {
+        let spread = self.spread();
+        let settled = spread_over_cores(&self.presses, |presses| {
+            let rows =
+                presses.iter().flat_map(|press| press.rows.iter().map(move |row| (press, row)));
+            rows.map(|(press, seen)| self.settled(press, seen, &spread)).collect::<Vec<_>>()
+        });
+        let rows = self.presses.iter_mut().flat_map(|press| &mut press.rows);
+        rows.zip(settled.into_iter().flatten()).for_each(|(seen, away)| seen.away = away);
+    }
+
+    /// Distance of a row's load from its label that explains its signals best: Levenberg–Marquardt.
+    fn settled(
+        &self,
+        press: &Press<'_>,
+        seen: &Seen<'_>,
+        spread: &SVector<f64, LOAD>,
+    ) -> SVector<f64, LOAD> {
+        let mut at = seen.clone();
+        let mut damping = 0.0;
+        let mut squares = self.squares(press, &at, spread);
+        for _ in 0..SETTLING {
+            let line = self.linearise(press, &at, spread);
+            let own = SMatrix::<f64, LOAD, LOAD>::identity() + line.by_load.tr_mul(&line.by_load);
+            let right = line.by_load.tr_mul(&line.error) - normalised(&at.away, spread);
+            let damped = own + SMatrix::from_diagonal(&(own.diagonal() * damping));
+            let Some(factor) = Cholesky::new(damped) else { break };
+            let mut step = factor.solve(&right).component_mul(spread);
+            step.fixed_rows_mut::<2>(3)
+                .iter_mut()
+                .for_each(|d| *d = d.clamp(-PLACE_STEP, PLACE_STEP));
+            let next = Seen { away: at.away + step, ..at.clone() };
+            let found = self.squares(press, &next, spread);
+            if found < squares {
+                let done = squares - found < 1e-3 * squares;
+                (at, squares, damping) = (next, found, 0.3 * damping);
+                if done {
+                    break;
+                }
+            } else {
+                damping = 10.0 * f64::max(damping, 0.01);
+            }
+        }
+        at.away
+    }
+
+    /// Sum of squares of a row's signals and load.
+    fn squares(&self, press: &Press<'_>, seen: &Seen<'_>, spread: &SVector<f64, LOAD>) -> f64 {
+        let u = self.displacements(&Self::load(press, seen));
+        let mut squares = normalised(&seen.away, spread).norm_squared();
+        for (k, u) in u.iter().enumerate() {
+            let said = features(k, *u, seen.row).dot(&self.taxels[k]);
+            squares += ((seen.row.signals[k] - said) / seen.sigma).powi(2);
+        }
+        squares
+    }
+
     /// Whether forces and places were found to be exact, and are not yet taken so.
     pub fn places_are_sure(&self) -> bool {
-        let Labels { force, press, .. } = self.labels;
-        force.iter().all(|noise| *noise < EXACT) && press < SURE_PLACE && press > EXACT
+        let Labels { force, press, places, .. } = self.labels;
+        places == Places::Labels
+            && force.iter().all(|noise| *noise < EXACT)
+            && press < SURE_PLACE
+            && press > EXACT
+    }
+
+    /// Frees the place of every row, from where it is.
+    pub fn free_places(&mut self) {
+        (self.labels.press, self.labels.row) = FREE;
+        self.labels.places = Places::Free;
+        for press in &mut self.presses {
+            let away = std::mem::replace(&mut press.away, SVector::zeros());
+            for seen in &mut press.rows {
+                let mut place = seen.away.fixed_rows_mut::<2>(3);
+                place += away;
+            }
+        }
+        self.settle();
+        for _ in 0..ALTERNATIONS {
+            self.solve_linear();
+            self.settle();
+        }
     }
 
     /// Takes forces and places as labelled.
@@ -296,7 +431,7 @@ impl<'r> Bundle<'r> {
             row += at.norm_squared() + self.labels.row.powi(2) * back.variance;
             count += 2.0;
         }
-        if self.labels.press <= EXACT {
+        if self.labels.press <= EXACT || self.labels.places == Places::Free {
             return;
         }
         self.labels.press = (press / (2.0 * presses)).sqrt().max(LEAST_PLACE);

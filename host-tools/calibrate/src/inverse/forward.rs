@@ -37,6 +37,18 @@ pub(super) fn half_space() -> Coefficients {
     p
 }
 
+/// Field of the reference finger's framed skin: the other start of the search.
+pub(super) fn framed() -> Coefficients {
+    Coefficients::from(FRAMED)
+}
+
+/// Fitted to presses with exact labels.
+const FRAMED: [f64; FIELD] = [
+    12.1, 14.53, 1.0, -2.359, -0.7289, -3.971, 20.81, 2.579, -6.404, -47.37, -2.953, 23.91, 27.6,
+    2.258, 14.13, 37.58, -3.985, 36.08, 12.9, 18.14, -144.0, -31.51, -2.648, 32.62, 31.25, 67.85,
+    154.8, -30.56, -0.3,
+];
+
 /// P(w)/ρ^(2·half) with its derivatives by distance², size² and coefficients.
 struct Radial {
     value: f64,
@@ -129,6 +141,16 @@ pub(super) fn displacement(
     found.by_load[3] += falls * dx - fx * t.value;
     found.by_load[4] += falls * dy - fy * t.value;
     found
+}
+
+/// Arm of the shear, mm: a contact that moves by as much, times its friction ratio, moves the facets
+/// beside it as the shear does. At 2 mm from a contact of this squared size.
+///
+/// Signals of contacts at unknown places do not tell it.
+pub(super) fn arm(p: &Coefficients, size2: f64) -> f64 {
+    let normal = radial(&p.as_slice()[..RADIAL], 4.0, size2, 0.5);
+    let shear = radial(&p.as_slice()[RADIAL..2 * RADIAL], 4.0, size2, 1.5);
+    -0.5 * shear.value / normal.by_distance
 }
 
 #[cfg(test)]

@@ -50,11 +50,11 @@ impl RowBack {
 }
 
 /// A row linearised at the present unknowns.
-struct Linearised {
+pub(super) struct Linearised {
     /// Residuals, in standard deviations of the signals.
-    error: SVector<f64, TAXELS>,
+    pub(super) error: SVector<f64, TAXELS>,
     /// Their derivatives by the load, scaled by the load's prior deviations.
-    by_load: SMatrix<f64, TAXELS, LOAD>,
+    pub(super) by_load: SMatrix<f64, TAXELS, LOAD>,
     by_place: SMatrix<f64, TAXELS, 2>,
     /// Their derivatives by the field, a column for each taxel.
     by_field: SMatrix<f64, FIELD, TAXELS>,
@@ -95,6 +95,12 @@ impl Bundle<'_> {
         for i in 0..FIELD {
             all.matrix[(i, i)] += held(i);
             all.right[i] += away[i] * held(i);
+        }
+        for (deviation, slopes) in self.arms() {
+            for j in 0..FIELD {
+                (j..FIELD).for_each(|i| all.matrix[(i, j)] += slopes[i] * slopes[j]);
+                all.right[j] -= deviation * slopes[j];
+            }
         }
         for (k, taxel) in self.taxels.iter().enumerate() {
             for (n, value) in taxel.iter().enumerate() {
@@ -152,7 +158,7 @@ impl Bundle<'_> {
         sums.back.push(PressBack { own, by_all: solved, variance: inverse.trace(), rows });
     }
 
-    fn linearise(
+    pub(super) fn linearise(
         &self,
         press: &Press<'_>,
         seen: &Seen<'_>,
