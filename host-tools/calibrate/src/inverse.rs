@@ -51,23 +51,24 @@ pub struct Known {
 const MOST_ROWS: usize = 1400;
 /// Fewest rows that determine curves, stray light and field.
 const LEAST_ROWS: usize = 200;
-/// Most steps, and the relative change of the sum of squares below which a step is small.
+/// Steps from each start, after which the better one is followed.
+const BEGINNING: usize = 21;
+/// Most steps then, and the relative change of the sum of squares below which a step is small.
 ///
 /// So many small steps in a row end the search.
-const STEPS: usize = 60;
+const STEPS: usize = 80;
 const LITTLE: f64 = 3e-4;
 const SMALL_STEPS: usize = 2;
 /// Small relative change once places are taken as labelled, because steps are cheap there.
 const LITTLE_EXACT: f64 = 1e-5;
 /// The same while places are free.
-const STEPS_FREE: usize = 100;
 const LITTLE_FREE: f64 = 1e-4;
 /// Damping above which no step helps.
 const STIFF: f64 = 1e6;
 /// Noise of labelled places to begin with: of a press and of a row about it, mm …
 const PLACED: [f64; 2] = [0.02, 0.01];
-/// … and of guessed ones.
-const GUESSED: [f64; 2] = [1.0, 0.05];
+/// … and of first guesses: a press has no place of its own.
+const FREE: [f64; 2] = [1e-5, 1.0];
 /// Steps between two estimates of the places' noise.
 const LEARN_EVERY: usize = 3;
 
@@ -107,29 +108,20 @@ pub fn fit(
     let presses = thinned(presses, count.div_ceil(MOST_ROWS));
     let Known { friction, noise, shear, force_noise, placed } = known;
     let ([press, row], places) =
-        if placed { (PLACED, Places::Labels) } else { (GUESSED, Places::Guesses) };
+        if placed { (PLACED, Places::Labels) } else { (FREE, Places::Free) };
     let labels = Labels { force: force_noise, press, row, places };
     let mut first = Bundle::new(&presses, labels, (friction, noise, shear));
-    if let Some(start) = start {
+    let begun = if let Some(start) = start {
         (first.field, first.taxels) = (start.field, start.taxels);
-    }
-    let mut search = |at| search(part, at, progress, stop);
-    let at = if placed {
-        search(first)?
+        first.with_free_places()
     } else {
-        // A free search ends near its start: a half-space for a wide skin, a framed one for another.
-        let mut free = first.clone();
-        free.free_places();
-        let free = search(free)?;
-        if start.is_some() {
-            free
-        } else {
-            let mut other = first.with_field(framed());
-            other.free_places();
-            let other = search(other)?;
-            if other.objective() < free.objective() { other } else { free }
-        }
+        // A search ends near its start: one for a framed skin, one for a wide one.
+        let framed = first.clone().with_field(framed()).with_free_places();
+        let framed = search(part, framed, BEGINNING, progress, stop)?;
+        let wide = search(part, first.with_free_places(), BEGINNING, progress, stop)?;
+        if framed.objective() < wide.objective() { framed } else { wide }
     };
+    let at = search(part, begun, STEPS, progress, stop)?;
     let model = finish(&at, known);
     Ok(Fit { model, place_noise: at.labels.press, field: at.field, taxels: at.taxels })
 }
@@ -138,13 +130,13 @@ pub fn fit(
 fn search<'r>(
     part: &str,
     mut at: Bundle<'r>,
+    steps: usize,
     progress: &mut dyn FnMut(Progress),
     stop: &AtomicBool,
 ) -> Result<Bundle<'r>, FitError> {
     let mut damping = 1e-3;
     let (mut squares, mut equations, mut small) = (at.objective(), None, 0);
     let mut little = if at.labels.places == Places::Free { LITTLE_FREE } else { LITTLE };
-    let steps = if at.labels.places == Places::Free { STEPS_FREE } else { STEPS };
     for step in 0..steps {
         let error = (squares / at.values() as f64).sqrt();
         progress(Progress { part: part.into(), step, of: steps, error });
@@ -181,6 +173,11 @@ fn search<'r>(
             }
         }
     }
+    eprintln!(
+        "DBG {part} {small} {:.5} {:?}",
+        (at.objective() / at.values() as f64).sqrt(),
+        at.labels
+    );
     eprintln!(
         "DBG {part} {small} {:.5} {:?}",
         (at.objective() / at.values() as f64).sqrt(),

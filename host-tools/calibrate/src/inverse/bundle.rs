@@ -45,9 +45,6 @@ const LEAST_PLACE: f64 = 1e-3;
 const SURE_PLACE: f64 = 0.01;
 /// Noise of forces and places that are taken as labelled, newtons and mm.
 const EXACT: f64 = 1e-6;
-/// Standard deviations of the place of a press, and of a row about it, if nothing is known of them,
-/// mm: a press then has no place of its own.
-const FREE: (f64, f64) = (1e-5, 1.0);
 /// Most steps in which the load of a row with a free place is found.
 const SETTLING: usize = 8;
 /// Times that curves and loads are found in turn before the search.
@@ -73,8 +70,6 @@ pub(super) struct Labels {
 pub(super) enum Places {
     /// Measured.
     Labels,
-    /// First guesses, about which the places are held.
-    Guesses,
     /// First guesses, which count for nothing.
     Free,
 }
@@ -389,22 +384,16 @@ impl<'r> Bundle<'r> {
             && press > EXACT
     }
 
-    /// Frees the place of every row, from where it is.
-    pub fn free_places(&mut self) {
-        (self.labels.press, self.labels.row) = FREE;
-        self.labels.places = Places::Free;
-        for press in &mut self.presses {
-            let away = std::mem::replace(&mut press.away, SVector::zeros());
-            for seen in &mut press.rows {
-                let mut place = seen.away.fixed_rows_mut::<2>(3);
-                place += away;
+    /// Finds curves and loads in turn, if places are free.
+    pub fn with_free_places(mut self) -> Self {
+        if self.labels.places == Places::Free {
+            self.settle();
+            for _ in 0..ALTERNATIONS {
+                self.solve_linear();
+                self.settle();
             }
         }
-        self.settle();
-        for _ in 0..ALTERNATIONS {
-            self.solve_linear();
-            self.settle();
-        }
+        self
     }
 
     /// Takes forces and places as labelled.
