@@ -111,29 +111,38 @@ pub fn fit(
         if placed { (PLACED, Places::Labels) } else { (FREE, Places::Free) };
     let labels = Labels { force: force_noise, press, row, places };
     let mut first = Bundle::new(&presses, labels, (friction, noise, shear));
-    let begun = if let Some(start) = start {
+    let mut at = if let Some(start) = start {
         (first.field, first.taxels) = (start.field, start.taxels);
         first.with_free_places()
     } else {
         // A search ends near its start: one for a framed skin, one for a wide one.
-        let framed = first.clone().with_field(framed()).with_free_places();
-        let framed = search(part, framed, BEGINNING, progress, stop)?;
-        let wide = search(part, first.with_free_places(), BEGINNING, progress, stop)?;
+        let mut framed = first.clone().with_field(framed()).with_free_places();
+        search(&format!("{part}, if framed"), &mut framed, BEGINNING, progress, stop)?;
+        let mut wide = first.with_free_places();
+        // Stopped before its first step, the second start is the worse one.
+        let _ = search(&format!("{part}, if wide"), &mut wide, BEGINNING, progress, stop);
         if framed.objective() < wide.objective() { framed } else { wide }
     };
-    let at = search(part, begun, STEPS, progress, stop)?;
+    match search(part, &mut at, STEPS, progress, stop) {
+        Err(stopped) if start.is_some() => return Err(stopped),
+        _ => {}
+    }
     let model = finish(&at, known);
     Ok(Fit { model, place_noise: at.labels.press, field: at.field, taxels: at.taxels })
 }
 
 /// Levenberg–Marquardt from a start. Stopped later than in the first step, it keeps the best so far.
-fn search<'r>(
+///
+/// # Errors
+///
+/// Stopped before the first step.
+fn search(
     part: &str,
-    mut at: Bundle<'r>,
+    at: &mut Bundle<'_>,
     steps: usize,
     progress: &mut dyn FnMut(Progress),
     stop: &AtomicBool,
-) -> Result<Bundle<'r>, FitError> {
+) -> Result<(), FitError> {
     let mut damping = 1e-3;
     let (mut squares, mut equations, mut small) = (at.objective(), None, 0);
     let mut little = if at.labels.places == Places::Free { LITTLE_FREE } else { LITTLE };
@@ -152,7 +161,7 @@ fn search<'r>(
             Some((found, next)) if found < squares => {
                 let gain = squares - found;
                 let done = gain < little * squares;
-                (at, squares) = (next, found);
+                (*at, squares) = (next, found);
                 damping = (0.3 * damping).max(1e-9);
                 small = if done { small + 1 } else { 0 };
                 if small == SMALL_STEPS {
@@ -173,17 +182,7 @@ fn search<'r>(
             }
         }
     }
-    eprintln!(
-        "DBG {part} {small} {:.5} {:?}",
-        (at.objective() / at.values() as f64).sqrt(),
-        at.labels
-    );
-    eprintln!(
-        "DBG {part} {small} {:.5} {:?}",
-        (at.objective() / at.values() as f64).sqrt(),
-        at.labels
-    );
-    Ok(at)
+    Ok(())
 }
 
 /// Keeps every n-th row, counted through all presses.

@@ -5,6 +5,7 @@
 //! leaves those of field, curves and stray light.
 
 mod equations;
+mod settle;
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
@@ -45,10 +46,6 @@ const LEAST_PLACE: f64 = 1e-3;
 const SURE_PLACE: f64 = 0.01;
 /// Noise of forces and places that are taken as labelled, newtons and mm.
 const EXACT: f64 = 1e-6;
-/// Most steps in which the load of a row with a free place is found.
-const SETTLING: usize = 8;
-/// Times that curves and loads are found in turn before the search.
-const ALTERNATIONS: usize = 3;
 /// Largest step of a place, mm.
 const PLACE_STEP: f64 = 0.5;
 
@@ -315,66 +312,6 @@ impl<'r> Bundle<'r> {
         Some(next)
     }
 
-    /// Finds the load of every row anew, with the coefficients as they are.
-    ///
-    /// A place that is free moves by more than the linearised equations tell.
-    pub fn settle(&mut self) {
-        let spread = self.spread();
-        let settled = spread_over_cores(&self.presses, |presses| {
-            let rows =
-                presses.iter().flat_map(|press| press.rows.iter().map(move |row| (press, row)));
-            rows.map(|(press, seen)| self.settled(press, seen, &spread)).collect::<Vec<_>>()
-        });
-        let rows = self.presses.iter_mut().flat_map(|press| &mut press.rows);
-        rows.zip(settled.into_iter().flatten()).for_each(|(seen, away)| seen.away = away);
-    }
-
-    /// Distance of a row's load from its label that explains its signals best: Levenberg–Marquardt.
-    fn settled(
-        &self,
-        press: &Press<'_>,
-        seen: &Seen<'_>,
-        spread: &SVector<f64, LOAD>,
-    ) -> SVector<f64, LOAD> {
-        let mut at = seen.clone();
-        let mut damping = 0.0;
-        let mut squares = self.squares(press, &at, spread);
-        for _ in 0..SETTLING {
-            let line = self.linearise(press, &at, spread);
-            let own = SMatrix::<f64, LOAD, LOAD>::identity() + line.by_load.tr_mul(&line.by_load);
-            let right = line.by_load.tr_mul(&line.error) - normalised(&at.away, spread);
-            let damped = own + SMatrix::from_diagonal(&(own.diagonal() * damping));
-            let Some(factor) = Cholesky::new(damped) else { break };
-            let mut step = factor.solve(&right).component_mul(spread);
-            step.fixed_rows_mut::<2>(3)
-                .iter_mut()
-                .for_each(|d| *d = d.clamp(-PLACE_STEP, PLACE_STEP));
-            let next = Seen { away: at.away + step, ..at.clone() };
-            let found = self.squares(press, &next, spread);
-            if found < squares {
-                let done = squares - found < 1e-3 * squares;
-                (at, squares, damping) = (next, found, 0.3 * damping);
-                if done {
-                    break;
-                }
-            } else {
-                damping = 10.0 * f64::max(damping, 0.01);
-            }
-        }
-        at.away
-    }
-
-    /// Sum of squares of a row's signals and load.
-    fn squares(&self, press: &Press<'_>, seen: &Seen<'_>, spread: &SVector<f64, LOAD>) -> f64 {
-        let u = self.displacements(&Self::load(press, seen));
-        let mut squares = normalised(&seen.away, spread).norm_squared();
-        for (k, u) in u.iter().enumerate() {
-            let said = features(k, *u, seen.row).dot(&self.taxels[k]);
-            squares += ((seen.row.signals[k] - said) / seen.sigma).powi(2);
-        }
-        squares
-    }
-
     /// Whether forces and places were found to be exact, and are not yet taken so.
     pub fn places_are_sure(&self) -> bool {
         let Labels { force, press, places, .. } = self.labels;
@@ -382,18 +319,6 @@ impl<'r> Bundle<'r> {
             && force.iter().all(|noise| *noise < EXACT)
             && press < SURE_PLACE
             && press > EXACT
-    }
-
-    /// Finds curves and loads in turn, if places are free.
-    pub fn with_free_places(mut self) -> Self {
-        if self.labels.places == Places::Free {
-            self.settle();
-            for _ in 0..ALTERNATIONS {
-                self.solve_linear();
-                self.settle();
-            }
-        }
-        self
     }
 
     /// Takes forces and places as labelled.

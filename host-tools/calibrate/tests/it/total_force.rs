@@ -27,6 +27,18 @@ fn force_only(truth: Truth) -> Truth {
     Truth { force: truth.force, ..Truth::default() }
 }
 
+/// The log of a load cell with 6 mN of noise.
+fn by_load_cell() -> Recording {
+    let mut known = recording(1, force_only);
+    for (row, sample) in known.samples.iter_mut().enumerate() {
+        for (axis, force) in sample.truth.force.iter_mut().enumerate() {
+            let unit = (12.9898 * ((row * 3 + axis) as f64).powi(2)).sin();
+            *force = force.map(|force| force + 0.006 * std::f64::consts::SQRT_2 * unit);
+        }
+    }
+    known
+}
+
 fn fitted(recording: &Recording) -> Fitted {
     let net = NetOptions { seed: 0, starts: 1, steps: 3 };
     let options = FitOptions { net, hidden: Some(1), ..FitOptions::default() };
@@ -48,15 +60,7 @@ fn channel<'f>(fitted: &'f Fitted, columns: &str) -> &'f Channel {
 #[test]
 fn total_force_alone_calibrates_four_sensors() {
     let unseen = recording(2, |truth| truth);
-    let mut known = recording(1, force_only);
-    // A load cell with 6 mN of noise.
-    for (row, sample) in known.samples.iter_mut().enumerate() {
-        for (axis, force) in sample.truth.force.iter_mut().enumerate() {
-            let unit = (12.9898 * ((row * 3 + axis) as f64).powi(2)).sin();
-            *force = force.map(|force| force + 0.006 * std::f64::consts::SQRT_2 * unit);
-        }
-    }
-    let fitted = fitted(&known);
+    let fitted = fitted(&by_load_cell());
     for (target, error) in errors(&fitted, &unseen) {
         // Scans before the gate opens have a force, and no estimate of it.
         let most = if target == "fz_n" { 0.007 } else { 0.002 };
@@ -70,6 +74,19 @@ fn total_force_alone_calibrates_four_sensors() {
     }
     let sensors = &fitted.calibration.sensors;
     assert!(sensors.iter().all(Option::is_some));
+}
+
+#[test]
+fn total_force_alone_finds_where_the_matrix_is_touched() {
+    let unseen = recording(2, |truth| truth);
+    let (calibration, unseen) = Only::Matrix.of(&fitted(&by_load_cell()).calibration, &unseen);
+    for metrics in evaluate::finger(&calibration, &unseen) {
+        let (error, beyond) = (metrics.figures.unwrap().rmse, metrics.beyond.unwrap_or_default());
+        let placed = ["x_mm", "y_mm"].contains(&&*metrics.target);
+        let most = if placed { 0.15 } else { 0.06 };
+        assert!(error < most, "{}: {error}", metrics.target);
+        assert!(!placed || beyond < 0.01, "{}: {beyond} beyond three sigma", metrics.target);
+    }
 }
 
 #[test]
