@@ -24,8 +24,6 @@ use taxel_regress::error::FitError;
 use taxel_regress::quantile::median;
 use taxel_regress::shear::FORCES;
 
-/// Least correlation of a reference with its linear prediction that shows a lag behind another clock.
-const LINEAR: f64 = 0.999;
 /// Fewest rows of an unloaded stretch.
 const LEAST_ROWS: usize = 20;
 /// Most rows of an unloaded stretch; more do not improve a bias.
@@ -85,12 +83,11 @@ impl Recording {
         let name = reference.path.display().to_string();
         let sensor = Series { times: &times, rows: &levels };
         let mut alignment = align::align([&self.name, &name], sensor, other)?;
-        let hidden = if lag.is_none() && alignment.correlation > LINEAR {
+        let hidden = lag.is_none().then(|| {
             let own_times: Vec<f64> = clock.iter().map(|t| alignment.own_time(*t)).collect();
             lag::hidden(sensor, Series { times: &own_times, ..other })
-        } else {
-            None
-        };
+        });
+        let hidden = hidden.flatten();
         alignment.offset += hidden.unwrap_or_default();
         let times: Vec<f64> = times.iter().map(|t| alignment.time(*t)).collect();
         let forces = align::resample(other, &times);

@@ -6,6 +6,9 @@ use super::{BESIDE, Equations, WORTH};
 
 /// Least square of half a lag behind another clock, in its standard deviations.
 const CLEAR_BEND: f64 = 8.0;
+/// Largest share of a force's mean square that the channels leave: those of the matrix alone, whose
+/// signals bend, leave more, and what they leave looks like a lag.
+const UNEXPLAINED: f64 = 0.002;
 /// Least lag behind another clock, seconds: the force sensors are not quite linear.
 const LEAST_HIDDEN: f64 = 1e-3;
 
@@ -84,7 +87,8 @@ fn bent(
         row.extend([told(i).abs().copysign(rate), rate, bend]);
         equations.add(row, force + (times[i] - t) * rate);
     }
-    let solved = equations.solve()?;
+    let most = UNEXPLAINED * equations.squares / equations.rows as f64;
+    let solved = equations.solve().filter(|solved| solved.left < most)?;
     Some([width + 2, width + 3].map(|at| solved.coefficient(at)))
 }
 

@@ -103,14 +103,30 @@ pub fn traces(
         }
         let mut recording = Recording { name, samples };
         if let Some(path) = reference {
-            let reference = table::read(&Stretch::whole(path), &["f*_n"])?;
-            let (found, late) = recording.align(&reference, lag)?;
-            let aligned = Aligned::new(path, found);
-            read.alignments.push(Aligned { lag_s: late, finger: true, ..aligned });
+            read.alignments.push(aligned(&mut recording, path, lag)?);
         }
         read.recordings.push(recording);
     }
+    // Recordings that do not show the finger's lag have that of the others.
+    let found: Vec<f64> = read.alignments.iter().filter_map(|aligned| aligned.lag_s).collect();
+    let mean = (found.iter().sum::<f64>() / found.len() as f64) as f32;
+    let lag = (!found.is_empty()).then_some(LagCompensation { taxels: mean, sensors: mean });
+    let known = read.recordings.iter_mut().zip(&mut read.alignments).zip(references);
+    for ((recording, own), path) in known.filter(|((_, own), _)| own.lag_s.is_none()) {
+        *own = aligned(recording, path, lag)?;
+    }
     Ok(read)
+}
+
+/// Takes the forces of a recording from its reference.
+fn aligned(
+    recording: &mut Recording,
+    path: &Path,
+    lag: Option<LagCompensation>,
+) -> anyhow::Result<Aligned> {
+    let reference = table::read(&Stretch::whole(path), &["f*_n"])?;
+    let (found, late) = recording.align(&reference, lag)?;
+    Ok(Aligned { lag_s: late, finger: true, ..Aligned::new(path, found) })
 }
 
 /// Reads CSV files of any sensor, with references as in [`traces`].

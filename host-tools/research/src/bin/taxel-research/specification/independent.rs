@@ -98,10 +98,7 @@ pub(super) fn fingers() -> Vec<Finger> {
     let runs = ["d24_presses", "d24_shear"];
     let mut cell = finger("d24, codes and a load cell", "d24", false, {
         let file = path("d24_trial");
-        vec![
-            Trial::new(&file, "both").limits([0.002, 0.003], Some(0.05)),
-            Trial::new(&file, "matrix").limits([0.020, 0.010], Some(0.05)),
-        ]
+        vec![Trial::new(&file, "both").limits([0.002, 0.003], Some(0.05))]
     });
     cell.fitted = runs.map(|run| path(&format!("{run}_codes"))).into();
     cell.cells = runs.map(|run| path(&format!("{run}_cell"))).into();
