@@ -367,14 +367,13 @@ fn keep_skin(fitted: &mut Fitted, skin: Skin) {
     let misplaced = place.is_none_or(|[own, centroid]| own > centroid);
     let firm = TWICE * residual[2] < own[components.min(3) - 1];
     if worse && misplaced && !firm {
-        if place.is_none() {
-            return;
+        if place.is_some() {
+            fitted.warnings.push(
+                "the model of the skin meets neither force nor contact point of presses left out better than net and \
+                 centroid, and is left out"
+                    .into(),
+            );
         }
-        fitted.warnings.push(
-            "the model of the skin meets neither force nor contact point of presses left out better than net and \
-             centroid, and is left out"
-                .into(),
-        );
         return;
     }
     fitted.calibration.slip = Some(slip(model.shear.then_some(model.friction)));

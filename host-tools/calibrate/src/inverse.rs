@@ -113,14 +113,17 @@ pub fn fit(
     let mut first = Bundle::new(&presses, labels, (friction, noise, shear));
     let mut at = if let Some(start) = start {
         (first.field, first.taxels) = (start.field, start.taxels);
-        first.with_free_places()
+        if !placed {
+            first.settle();
+        }
+        first
     } else {
-        // A search ends near its start: one for a framed skin, one for a wide one.
-        let mut framed = first.clone().with_field(framed()).with_free_places();
-        search(&format!("{part}, if framed"), &mut framed, BEGINNING, progress, stop)?;
-        let mut wide = first.with_free_places();
-        // Stopped before its first step, the second start is the worse one.
-        let _ = search(&format!("{part}, if wide"), &mut wide, BEGINNING, progress, stop);
+        // A search ends near its start.
+        let mut framed = first.clone().with_field(framed()).alternated();
+        search(&format!("{part}, from a framed skin"), &mut framed, BEGINNING, progress, stop)?;
+        let mut wide = first.alternated();
+        // Stopped before its first step, the second start is compared as it is.
+        let _ = search(&format!("{part}, from a half-space"), &mut wide, BEGINNING, progress, stop);
         if framed.objective() < wide.objective() { framed } else { wide }
     };
     match search(part, &mut at, STEPS, progress, stop) {

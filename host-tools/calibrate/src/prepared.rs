@@ -72,7 +72,8 @@ impl<'r> Prepared<'r> {
         Ok((Self::of(read, warmth)?, Some(told)))
     }
 
-    fn of(
+    /// Prepares a recording as it is.
+    pub fn of(
         recording: Cow<'r, Recording>,
         warmth: Option<&TemperatureCompensation>,
     ) -> Result<Self, FitError> {

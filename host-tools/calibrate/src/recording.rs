@@ -19,6 +19,7 @@ use taxel_files::table::Table;
 use taxel_files::trace::{Sample, Truth};
 
 use crate::lag;
+use crate::prepared::{Prepared, Subject};
 use taxel_regress::align::{self, Alignment, Series};
 use taxel_regress::error::FitError;
 use taxel_regress::quantile::median;
@@ -53,7 +54,7 @@ impl Recording {
     /// Takes the forces from a reference with another clock; rows beyond it get none.
     ///
     /// The finger's lag is the one given, of its calibration, or else is found. It is returned with
-    /// the alignment; `None` if the offset of the clocks hides it.
+    /// the alignment; `None` if there is none, or if the offset of the clocks hides it.
     ///
     /// # Errors
     ///
@@ -82,24 +83,51 @@ impl Recording {
         let other = Series { times: &clock, rows: &reference.rows };
         let name = reference.path.display().to_string();
         let sensor = Series { times: &times, rows: &levels };
+        if levels.iter().any(|row| row.len() != levels[0].len()) {
+            return Err(FitError::Unaligned {
+                recording: self.name.clone(),
+                problem: "some rows have channels that others lack".to_owned(),
+                mend: "record again with all sensors connected".to_owned(),
+            });
+        }
         let mut alignment = align::align([&self.name, &name], sensor, other)?;
-        let hidden = lag.is_none().then(|| {
-            let own_times: Vec<f64> = clock.iter().map(|t| alignment.own_time(*t)).collect();
-            lag::hidden(sensor, Series { times: &own_times, ..other })
-        });
-        let hidden = hidden.flatten();
-        alignment.offset += hidden.unwrap_or_default();
+        self.read(&times, &alignment, (other, &axes, &name))?;
+        if let Some(lag) = lag {
+            let lag = f64::from(lag.taxels.max(lag.sensors));
+            return Ok((alignment, (lag > 0.0).then_some(lag)));
+        }
+        // The lag of a force sensor on a bench of its own is not compensated.
+        let prepared = Prepared::of(Cow::Borrowed(self), None);
+        if !prepared.is_ok_and(|prepared| prepared.subject() == Subject::Finger) {
+            return Ok((alignment, None));
+        }
+        let own_times: Vec<f64> = clock.iter().map(|t| alignment.own_time(*t)).collect();
+        let hidden = lag::hidden(sensor, Series { times: &own_times, ..other });
+        if let Some(hidden) = hidden {
+            alignment.offset += hidden;
+            self.read(&times, &alignment, (other, &axes, &name))?;
+        }
+        Ok((alignment, hidden))
+    }
+
+    /// Reads the forces of a reference, of these axes and this name, at its times of the rows.
+    fn read(
+        &mut self,
+        times: &[f64],
+        alignment: &Alignment,
+        (other, axes, name): (Series<'_>, &[usize], &str),
+    ) -> Result<(), FitError> {
         let times: Vec<f64> = times.iter().map(|t| alignment.time(*t)).collect();
         let forces = align::resample(other, &times);
         if forces.iter().all(Option::is_none) {
-            return Err(align::apart(&name, &times, &clock));
+            return Err(align::apart(name, &times, other.times));
         }
         for (sample, forces) in self.samples.iter_mut().zip(forces) {
             for (at, axis) in axes.iter().enumerate() {
                 sample.truth.force[*axis] = forces.as_ref().map(|forces| forces[at]);
             }
         }
-        Ok((alignment, lag.map(|lag| f64::from(lag.sensors)).or(hidden)))
+        Ok(())
     }
 
     /// Returns the recording with its truth read at the aligned times; rows beyond it get none.

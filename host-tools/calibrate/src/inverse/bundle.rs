@@ -29,7 +29,7 @@ const STRAY: [f64; 2] = [0.015, 0.01];
 /// Prior standard deviation of a facet's place, mm: parts are placed to a tenth of a millimetre, and
 /// errors of neighbouring rows are alike, so that they tell less than they seem to.
 const FACET: f64 = 0.03;
-/// Prior standard deviation of the field's coefficients from the start, and that of the slip share:
+/// Prior standard deviation of the field's coefficients about those of a half-space, and that of the slip share:
 /// slip draws the traction in, and never out.
 const SPREAD: [f64; 2] = [100.0, 0.3];
 /// Squared sizes of contacts whose arm of the shear is held where no place is labelled, and its
@@ -334,6 +334,9 @@ impl<'r> Bundle<'r> {
 
     /// Re-estimates the noise of the places from their posterior.
     pub fn learn_places(&mut self, equations: &Equations) {
+        if self.labels.press <= EXACT || self.labels.places == Places::Free {
+            return;
+        }
         let presses = self.presses.len().max(1) as f64;
         let of_presses = self.presses.iter().zip(&equations.back);
         let press: f64 = of_presses.map(|(p, back)| p.away.norm_squared() + back.variance).sum();
@@ -344,9 +347,6 @@ impl<'r> Bundle<'r> {
             let at = seen.away.fixed_rows::<2>(3);
             row += at.norm_squared() + self.labels.row.powi(2) * back.variance;
             count += 2.0;
-        }
-        if self.labels.press <= EXACT || self.labels.places == Places::Free {
-            return;
         }
         self.labels.press = (press / (2.0 * presses)).sqrt().max(LEAST_PLACE);
         self.labels.row = (row / f64::max(count, 1.0)).sqrt().max(LEAST_PLACE);

@@ -27,7 +27,7 @@ pub(super) struct Displacement {
     pub by_field: Coefficients,
 }
 
-/// Point load 2.5 mm deep in a half-space with ν = ½: the start of the search.
+/// Point load 2.5 mm deep in a half-space with ν = ½: the first start of the search.
 pub(super) fn half_space() -> Coefficients {
     let mut p = SVector::zeros();
     // N = 1/ρ + z²/ρ³ = (1 + w)/ρ; T = z/ρ³.
@@ -37,12 +37,12 @@ pub(super) fn half_space() -> Coefficients {
     p
 }
 
-/// Field of the reference finger's framed skin: the other start of the search.
+/// Field of the reference finger's framed skin, device 1: the other start of the search.
 pub(super) fn framed() -> Coefficients {
     Coefficients::from(FRAMED)
 }
 
-/// Fitted to presses with exact labels.
+/// Fitted to the scenes `presses` (seed 1) and `shear` (seed 2) with the bench's labels.
 const FRAMED: [f64; FIELD] = [
     12.1, 14.53, 1.0, -2.359, -0.7289, -3.971, 20.81, 2.579, -6.404, -47.37, -2.953, 23.91, 27.6,
     2.258, 14.13, 37.58, -3.985, 36.08, 12.9, 18.14, -144.0, -31.51, -2.648, 32.62, 31.25, 67.85,

@@ -246,6 +246,29 @@ fn default_recording_can_be_fitted() {
     taxel.succeeds(&again);
 }
 
+/// A load cell's clock is 2.7 s ahead, and the reference finger is late by 4 ms.
+#[test]
+fn lag_behind_the_clock_of_a_load_cell_is_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    let simulate = ["simulate", "--scene", "shear", "--finger", "reference", "--seed", "2"];
+    let short = ["--set", "scan.duration_s=32", "--set", "random.presses=150"];
+    let out = ["--cell", "cell.csv", "--out", "codes.csv"];
+    taxel.succeeds(&[&simulate[..], &short, &out].concat());
+    let fit = ["calibrate", "fit", "--data", "codes.csv", "--reference", "cell.csv", "--json"];
+    let aligned = |more: &[&str]| {
+        let fitted = taxel.succeeds(&[&fit[..], more].concat());
+        crate::common::json(&fitted)["alignments"][0].clone()
+    };
+    let off = |found: &serde_json::Value| (found["offset_s"].as_f64().unwrap() - 2.7).abs();
+    let found = aligned(&["--model", "ridge", "--out", "finger.toml"]);
+    assert!(off(&found) < 1e-3, "{found}");
+    assert!((found["lag_s"].as_f64().unwrap() - 4e-3).abs() < 1e-3, "{found}");
+    // Nothing compensates it in a net alone.
+    let hidden = aligned(&["--model", "ridge", "--net-only", "--out", "net.toml"]);
+    assert!(off(&hidden) > 3e-3 && hidden["lag_s"].is_null(), "{hidden}");
+}
+
 #[test]
 fn finger_keeps_its_fields_after_a_recording() {
     let folder = tempfile::tempdir().unwrap();

@@ -111,7 +111,7 @@ fn resample_keeps_the_tops_of_short_presses() {
     let found = resample(Series { times: &times, rows: &rows }, &at);
     let most = at.iter().zip(found).map(|(t, row)| (row.unwrap()[0] - press(*t)).abs());
     let most = most.fold(0.0, f64::max);
-    assert!(most < 1e-4, "{most}");
+    assert!(most < 5e-4, "{most}");
 }
 
 #[test]

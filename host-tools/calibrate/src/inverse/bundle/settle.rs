@@ -1,4 +1,4 @@
-//! Loads of rows whose places are not labelled, by themselves.
+//! Loads of rows whose places are free, with the coefficients as they are.
 
 use nalgebra::{Cholesky, SMatrix, SVector};
 
@@ -13,7 +13,7 @@ const ALTERNATIONS: usize = 3;
 
 impl Bundle<'_> {
     /// Finds curves and loads in turn, if places are free.
-    pub fn with_free_places(mut self) -> Self {
+    pub fn alternated(mut self) -> Self {
         if self.labels.places == Places::Free {
             self.settle();
             for _ in 0..ALTERNATIONS {

@@ -49,7 +49,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         Kind::Finger => {
             let first = calibration::read(&args.first)?;
             let second = calibration::read(&args.second)?;
-            let read = data::traces(&args.data, &args.reference, first.lag)?;
+            let read = data::traces(&args.data, &args.reference, first.lag.or(second.lag))?;
             read.note();
             drift::compare(&first, &second, &read.recordings)
         }

@@ -38,7 +38,7 @@ pub struct Aligned {
     rate: f64,
     residual_s: f64,
     correlation: f64,
-    /// Lag of the finger behind its reference; `None` if the offset hides it.
+    /// Lag of the finger behind its reference; `None` if none was found.
     #[serde(skip_serializing_if = "Option::is_none")]
     lag_s: Option<f64>,
     /// Whether the reference is of a finger, not of a table.
@@ -65,7 +65,7 @@ impl Aligned {
         let finger = match self.lag_s {
             Some(lag) => format!("; finger {:.1} ms behind", 1e3 * lag),
             None if self.finger => {
-                "; a lag of the finger is not told from the clock's offset".to_owned()
+                "; no lag of the finger found, the clock's offset may hide one".to_owned()
             }
             None => String::new(),
         };
@@ -111,8 +111,10 @@ pub fn traces(
     let found: Vec<f64> = read.alignments.iter().filter_map(|aligned| aligned.lag_s).collect();
     let mean = (found.iter().sum::<f64>() / found.len() as f64) as f32;
     let lag = (!found.is_empty()).then_some(LagCompensation { taxels: mean, sensors: mean });
-    let known = read.recordings.iter_mut().zip(&mut read.alignments).zip(references);
-    for ((recording, own), path) in known.filter(|((_, own), _)| own.lag_s.is_none()) {
+    let unknown = read.recordings.iter_mut().zip(&mut read.alignments).zip(references);
+    for ((recording, own), path) in
+        unknown.filter(|((_, own), _)| own.lag_s.is_none() && lag.is_some())
+    {
         *own = aligned(recording, path, lag)?;
     }
     Ok(read)

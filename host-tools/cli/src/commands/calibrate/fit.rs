@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
+use taxel::condition::LagCompensation;
 use taxel_calibrate::Form;
 use taxel_calibrate::coverage::Coverage;
 use taxel_calibrate::finger::{self, Channel, FitOptions, Fitted, Part, Subject};
@@ -373,7 +374,9 @@ fn fit_finger(
     progress: &mut dyn FnMut(Progress),
     stop: &Interrupt,
 ) -> anyhow::Result<Outcome> {
-    let data::Read { recordings, alignments } = data::traces(&args.data, &args.reference, None)?;
+    // A lag is looked for where it is compensated.
+    let lag = (args.net_only || args.sensor.is_some()).then(LagCompensation::default);
+    let data::Read { recordings, alignments } = data::traces(&args.data, &args.reference, lag)?;
     let matrix = recordings
         .iter()
         .flat_map(|recording| &recording.samples)
