@@ -61,7 +61,7 @@ const LITTLE: f64 = 3e-4;
 const SMALL_STEPS: usize = 2;
 /// Small relative change once places are taken as labelled, because steps are cheap there.
 const LITTLE_EXACT: f64 = 1e-5;
-/// The same while places are free.
+/// Small relative change while places are free.
 const LITTLE_FREE: f64 = 1e-4;
 /// Damping above which no step helps.
 const STIFF: f64 = 1e6;

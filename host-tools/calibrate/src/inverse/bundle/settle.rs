@@ -24,7 +24,7 @@ impl Bundle<'_> {
         self
     }
 
-    /// Finds the load of every row anew, with the coefficients as they are.
+    /// Finds the load of every row again, with the coefficients as they are.
     ///
     /// A place that is free moves by more than the linearised equations tell.
     pub fn settle(&mut self) {

@@ -1,0 +1,110 @@
+//! Forces of a recording from a reference with a clock of its own.
+
+use std::borrow::Cow;
+
+use taxel::condition::{LagCompensation, LagState, Levels, Signals};
+use taxel_files::table::Table;
+use taxel_files::trace::Sample;
+use taxel_regress::align::{self, Alignment, Series};
+use taxel_regress::error::FitError;
+use taxel_regress::shear::FORCES;
+
+use crate::lag;
+use crate::prepared::{Prepared, Subject};
+use crate::recording::{Recording, channels};
+
+impl Recording {
+    /// Takes the forces from a reference with another clock; rows beyond it get none.
+    ///
+    /// The finger's lag is the one given, of its calibration, or else is found. It is returned with
+    /// the alignment; `None` if there is none, or if the offset of the clocks hides it.
+    ///
+    /// # Errors
+    ///
+    /// A column that is not a force of the finger, or the two cannot be aligned in time.
+    pub fn align(
+        &mut self,
+        reference: &Table,
+        lag: Option<LagCompensation>,
+    ) -> Result<(Alignment, Option<f64>), FitError> {
+        let axes = reference.names.iter().map(|name| {
+            let axis = FORCES.iter().position(|force| force == name);
+            axis.ok_or_else(|| FitError::Unaligned {
+                recording: reference.path.display().to_string(),
+                problem: format!("`{name}` is not a force of the finger"),
+                mend: format!("its columns are {}", FORCES.join(", ")),
+            })
+        });
+        let axes: Vec<usize> = axes.collect::<Result<_, _>>()?;
+        let times: Vec<f64> = self.samples.iter().map(|s| s.scan.time.0 as f64 * 1e-6).collect();
+        let levels = match lag {
+            Some(lag) => prompt(&self.samples, lag),
+            None => self.samples.iter().map(channels).collect(),
+        };
+        // `align` rejects stamps that cannot be spread.
+        let clock = align::told_apart(&reference.times).unwrap_or(Cow::Borrowed(&reference.times));
+        let other = Series { times: &clock, rows: &reference.rows };
+        let name = reference.path.display().to_string();
+        let sensor = Series { times: &times, rows: &levels };
+        if levels.iter().any(|row| row.len() != levels[0].len()) {
+            return Err(FitError::Unaligned {
+                recording: self.name.clone(),
+                problem: "some rows have channels that others lack".to_owned(),
+                mend: "record again with all sensors connected".to_owned(),
+            });
+        }
+        let mut alignment = align::align([&self.name, &name], sensor, other)?;
+        self.read(&times, &alignment, (other, &axes, &name))?;
+        if let Some(lag) = lag {
+            let lag = f64::from(lag.taxels.max(lag.sensors));
+            return Ok((alignment, (lag > 0.0).then_some(lag)));
+        }
+        // The lag of a force sensor on a bench of its own is not compensated.
+        let prepared = Prepared::of(Cow::Borrowed(self), None);
+        if !prepared.is_ok_and(|prepared| prepared.subject() == Subject::Finger) {
+            return Ok((alignment, None));
+        }
+        let own_times: Vec<f64> = clock.iter().map(|t| alignment.own_time(*t)).collect();
+        let hidden = lag::hidden(sensor, Series { times: &own_times, ..other });
+        if let Some(hidden) = hidden {
+            alignment.offset += hidden;
+            self.read(&times, &alignment, (other, &axes, &name))?;
+        }
+        Ok((alignment, hidden))
+    }
+
+    /// Reads the forces of a reference, of these axes and this name, at its times of the rows.
+    fn read(
+        &mut self,
+        times: &[f64],
+        alignment: &Alignment,
+        (other, axes, name): (Series<'_>, &[usize], &str),
+    ) -> Result<(), FitError> {
+        let times: Vec<f64> = times.iter().map(|t| alignment.time(*t)).collect();
+        let forces = align::resample(other, &times);
+        if forces.iter().all(Option::is_none) {
+            return Err(align::apart(name, &times, other.times));
+        }
+        for (sample, forces) in self.samples.iter_mut().zip(forces) {
+            for (at, axis) in axes.iter().enumerate() {
+                sample.truth.force[*axis] = forces.as_ref().map(|forces| forces[at]);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Levels of every row with the lag compensated.
+fn prompt(samples: &[Sample], lag: LagCompensation) -> Vec<Vec<f64>> {
+    let (mut state, mut before) = (LagState::default(), None);
+    let rows = samples.iter().map(|sample| {
+        let now = sample.scan.time.0;
+        let passed = now.saturating_sub(before.replace(now).unwrap_or(now));
+        let Levels { taxels, bridges, .. } = Levels::read(&sample.scan.codes);
+        let mut signals = Signals { taxels, bridges, ..Signals::default() };
+        lag.advance(&mut state, u32::try_from(passed).unwrap_or(u32::MAX), &mut signals);
+        let bridges = signals.bridges.iter().flatten().flatten();
+        signals.taxels.iter().flatten().chain(bridges).map(|level| f64::from(*level)).collect()
+    });
+    rows.collect()
+}
