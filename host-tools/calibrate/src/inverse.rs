@@ -126,9 +126,10 @@ pub fn fit(
         let _ = search(&format!("{part}, from a half-space"), &mut wide, BEGINNING, progress, stop);
         if framed.objective() < wide.objective() { framed } else { wide }
     };
-    match search(part, &mut at, STEPS, progress, stop) {
-        Err(stopped) if start.is_some() => return Err(stopped),
-        _ => {}
+    let ended = search(part, &mut at, STEPS, progress, stop);
+    // Without a start, the better beginning is kept.
+    if start.is_some() {
+        ended?;
     }
     let model = finish(&at, known);
     Ok(Fit { model, place_noise: at.labels.press, field: at.field, taxels: at.taxels })

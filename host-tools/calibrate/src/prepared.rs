@@ -7,7 +7,7 @@ use taxel::condition::{Bias, Signals, TemperatureCompensation};
 use taxel::scan::{COLS, Codes, Midpoints, SENSORS, TAXELS};
 use taxel::units::Code;
 
-use crate::recording::Recording;
+use crate::recording::{Recording, in_order};
 use taxel_regress::align::{self, Alignment, Series};
 use taxel_regress::error::FitError;
 use taxel_regress::shear::FORCES;
@@ -135,9 +135,7 @@ impl<'r> Prepared<'r> {
         let rows = self.recording.samples.iter().zip(&self.signals);
         let known = rows.filter_map(|(sample, signals)| {
             let force: Vec<f64> = sample.truth.force.iter().flatten().copied().collect();
-            let channels = signals.taxels.iter().flatten();
-            let channels = channels.chain(signals.bridges.iter().flatten().flatten());
-            let channels: Vec<f64> = channels.map(|c| f64::from(*c)).collect();
+            let channels = in_order(signals.taxels, signals.bridges);
             let time = sample.scan.time.0 as f64 * 1e-6;
             (!force.is_empty()).then_some((time, channels, force))
         });

@@ -8,7 +8,8 @@ use taxel::condition::{Bias, BiasTaker, Levels, Signals, TemperatureCompensation
 use taxel::finger::{Estimate, Finger, Wanted};
 use taxel::frame::Fields;
 #[cfg(test)]
-use taxel::scan::{Codes, SENSORS, Scan};
+use taxel::scan::{Codes, Scan};
+use taxel::scan::{SENSORS, TAXELS};
 #[cfg(test)]
 use taxel::units::{FullScale, Micros};
 use taxel_files::trace::{Sample, Truth};
@@ -282,10 +283,17 @@ fn jitter(forces: &[Option<f64>]) -> f64 {
 
 /// All levels of a row, in a fixed order.
 pub(crate) fn channels(sample: &Sample) -> Vec<f64> {
-    let levels = Levels::read(&sample.scan.codes);
-    let taxels = levels.taxels.iter().flatten();
-    let bridges = levels.bridges.iter().flatten().flatten();
-    taxels.chain(bridges).map(|level| f64::from(*level)).collect()
+    let Levels { taxels, bridges, .. } = Levels::read(&sample.scan.codes);
+    in_order(taxels, bridges)
+}
+
+/// Levels or signals of a row, in a fixed order.
+pub(crate) fn in_order(
+    taxels: Option<[f32; TAXELS]>,
+    bridges: [Option<[f32; 3]>; SENSORS],
+) -> Vec<f64> {
+    let bridges = bridges.iter().flatten().flatten();
+    taxels.iter().flatten().chain(bridges).map(|value| f64::from(*value)).collect()
 }
 
 /// Row of a trace with a truth and no codes.

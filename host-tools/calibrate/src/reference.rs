@@ -11,7 +11,7 @@ use taxel_regress::shear::FORCES;
 
 use crate::lag;
 use crate::prepared::{Prepared, Subject};
-use crate::recording::{Recording, channels};
+use crate::recording::{Recording, channels, in_order};
 
 impl Recording {
     /// Takes the forces from a reference with another clock; rows beyond it get none.
@@ -103,8 +103,7 @@ fn prompt(samples: &[Sample], lag: LagCompensation) -> Vec<Vec<f64>> {
         let Levels { taxels, bridges, .. } = Levels::read(&sample.scan.codes);
         let mut signals = Signals { taxels, bridges, ..Signals::default() };
         lag.advance(&mut state, u32::try_from(passed).unwrap_or(u32::MAX), &mut signals);
-        let bridges = signals.bridges.iter().flatten().flatten();
-        signals.taxels.iter().flatten().chain(bridges).map(|level| f64::from(*level)).collect()
+        in_order(signals.taxels, signals.bridges)
     });
     rows.collect()
 }

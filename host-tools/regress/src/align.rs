@@ -204,7 +204,9 @@ pub fn places(known: &[f64], times: &[f64]) -> Vec<Option<(usize, f64)>> {
     times.iter().map(|t| place(*t)).collect()
 }
 
-fn median_step(times: &[f64]) -> f64 {
+/// Median step between times; zero without one.
+#[must_use]
+pub fn median_step(times: &[f64]) -> f64 {
     let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
     steps.sort_by(f64::total_cmp);
     steps.get(steps.len() / 2).copied().unwrap_or_default()

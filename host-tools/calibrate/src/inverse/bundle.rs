@@ -29,8 +29,8 @@ const STRAY: [f64; 2] = [0.015, 0.01];
 /// Prior standard deviation of a facet's place, mm: parts are placed to a tenth of a millimetre, and
 /// errors of neighbouring rows are alike, so that they tell less than they seem to.
 const FACET: f64 = 0.03;
-/// Prior standard deviation of the field's coefficients about those of a half-space, and that of the slip share:
-/// slip draws the traction in, and never out.
+/// Prior standard deviation of the field's coefficients about those of a half-space, and that of the
+/// slip share: slip draws the traction in, and never out.
 const SPREAD: [f64; 2] = [100.0, 0.3];
 /// Squared sizes of contacts whose arm of the shear is held where no place is labelled, and its
 /// prior standard deviation about that of a half-space, mm: fingers with labels differ by as much.
@@ -237,7 +237,8 @@ impl<'r> Bundle<'r> {
                 .sum();
         let away = self.field - half_space();
         let field: f64 = away.iter().enumerate().map(|(i, away)| held(i) * away * away).sum();
-        let arms: f64 = self.arms().iter().map(|(deviation, _)| deviation * deviation).sum();
+        let arms: f64 =
+            self.held_sizes().iter().map(|size2| arm_off(&self.field, *size2).powi(2)).sum();
         let own = self.taxels.iter().flat_map(|taxel| taxel.iter().enumerate());
         let own = own.map(|(n, value)| {
             let [usual, weight] = prior(n);
@@ -246,25 +247,21 @@ impl<'r> Bundle<'r> {
         presses + field + arms + own.sum::<f64>()
     }
 
-    /// Deviations of the shear's arms from a half-space's, in their prior's, with their derivatives
-    /// by the field; none where places are labelled.
-    fn arms(&self) -> Vec<(f64, Coefficients)> {
+    /// Sizes whose arm of the shear is held: none where places are labelled.
+    fn held_sizes(&self) -> &'static [f64] {
+        if self.labels.places == Places::Free && self.shear { &SIZES } else { &[] }
+    }
+
+    /// Derivatives by the field of [`arm_off`].
+    fn arm_slopes(&self, size2: f64) -> Coefficients {
         const STEP: f64 = 1e-5;
-        if self.labels.places == Places::Labels || !self.shear {
-            return Vec::new();
-        }
-        let of_size = |size2: &f64| {
-            let deviation = |p: &Coefficients| (arm(p, *size2) - arm(&half_space(), *size2)) / ARM;
-            let slope = |i: usize, _| {
-                let mut moved = self.field;
-                moved[i] += STEP;
-                let after = deviation(&moved);
-                moved[i] -= 2.0 * STEP;
-                (after - deviation(&moved)) / (2.0 * STEP)
-            };
-            (deviation(&self.field), Coefficients::from_fn(slope))
-        };
-        SIZES.iter().map(of_size).collect()
+        Coefficients::from_fn(|i, _| {
+            let mut moved = self.field;
+            moved[i] += STEP;
+            let after = arm_off(&moved, size2);
+            moved[i] -= 2.0 * STEP;
+            (after - arm_off(&moved, size2)) / (2.0 * STEP)
+        })
     }
 
     /// Number of residuals of the signals.
@@ -351,6 +348,11 @@ impl<'r> Bundle<'r> {
         self.labels.press = (press / (2.0 * presses)).sqrt().max(LEAST_PLACE);
         self.labels.row = (row / f64::max(count, 1.0)).sqrt().max(LEAST_PLACE);
     }
+}
+
+/// Deviation of the shear's arm from a half-space's, in its prior's.
+fn arm_off(field: &Coefficients, size2: f64) -> f64 {
+    (arm(field, size2) - arm(&half_space(), size2)) / ARM
 }
 
 fn normalised(away: &SVector<f64, LOAD>, spread: &SVector<f64, LOAD>) -> SVector<f64, LOAD> {

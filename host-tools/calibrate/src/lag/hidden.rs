@@ -1,6 +1,6 @@
 //! Lag of a finger whose reference has a clock of its own.
 
-use taxel_regress::align::Series;
+use taxel_regress::align::{self, Series};
 
 use super::{BESIDE, Equations, WORTH};
 
@@ -22,9 +22,7 @@ const LEAST_HIDDEN: f64 = 1e-3;
 /// linear prediction of the force. Only the `readings` themselves count, because a curve between
 /// them errs where a press begins. Their times are those of the channels' clock.
 pub(crate) fn hidden(channels: Series<'_>, readings: Series<'_>) -> Option<f64> {
-    let mut steps: Vec<f64> = channels.times.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    steps.sort_unstable_by(f64::total_cmp);
-    let step = *steps.get(steps.len() / 2)?;
+    let step = align::median_step(channels.times);
     let nearest: Vec<Option<usize>> =
         readings.times.iter().map(|t| nearest(channels.times, *t, step)).collect();
     let (mut weights, mut quarters, mut rates) = (0.0, 0.0, 0.0);

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use taxel::scan::TAXELS;
 
-use super::{ALL, Bundle, Press, Seen, features, held, huber_weight, normalised, prior};
+use super::{ALL, Bundle, Press, Seen, arm_off, features, held, huber_weight, normalised, prior};
 use super::{LINEAR, OWN, POWERS, spread_over_cores};
 use crate::inverse::forward::{FIELD, LOAD, half_space};
 
@@ -96,10 +96,11 @@ impl Bundle<'_> {
             all.matrix[(i, i)] += held(i);
             all.right[i] += away[i] * held(i);
         }
-        for (deviation, slopes) in self.arms() {
+        for size2 in self.held_sizes() {
+            let (off, slopes) = (arm_off(&self.field, *size2), self.arm_slopes(*size2));
             for j in 0..FIELD {
                 (j..FIELD).for_each(|i| all.matrix[(i, j)] += slopes[i] * slopes[j]);
-                all.right[j] -= deviation * slopes[j];
+                all.right[j] -= off * slopes[j];
             }
         }
         for (k, taxel) in self.taxels.iter().enumerate() {

@@ -46,10 +46,10 @@ impl Bundle<'_> {
         spread: &SVector<f64, LOAD>,
     ) -> SVector<f64, LOAD> {
         let mut at = seen.clone();
-        let mut damping = 0.0;
+        let (mut damping, mut linearised) = (0.0, None);
         let mut squares = self.squares(press, &at, spread);
         for _ in 0..SETTLING {
-            let line = self.linearise(press, &at, spread);
+            let line = linearised.take().unwrap_or_else(|| self.linearise(press, &at, spread));
             let own = SMatrix::<f64, LOAD, LOAD>::identity() + line.by_load.tr_mul(&line.by_load);
             let right = line.by_load.tr_mul(&line.error) - normalised(&at.away, spread);
             let damped = own + SMatrix::from_diagonal(&(own.diagonal() * damping));
@@ -67,6 +67,7 @@ impl Bundle<'_> {
                     break;
                 }
             } else {
+                linearised = Some(line);
                 damping = 10.0 * f64::max(damping, 0.01);
             }
         }
