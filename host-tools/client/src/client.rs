@@ -121,10 +121,11 @@ impl Client {
             .name("taxel-reader".to_owned())
             .spawn(move || reader.run())
             .map_err(|error| Problem::Open(error.to_string()).at(port))?;
+        let tag = link.first_tag.unwrap_or_else(random_tag).wrapping_sub(1);
         let mut client = Self {
             port: port.clone(),
             version: Version { protocol: 0, firmware: [0; 3] },
-            requests: Mutex::new(Requests { writer: link.writer, replies, tag: first_tag() }),
+            requests: Mutex::new(Requests { writer: link.writer, replies, tag }),
             frames: Mutex::new(frames),
             shared,
             device: link.device,
@@ -481,7 +482,7 @@ impl Drop for Client {
 }
 
 /// First tag, random because a serial link may still hold replies to an earlier program.
-fn first_tag() -> u8 {
+fn random_tag() -> u8 {
     std::hash::RandomState::new().build_hasher().finish() as u8
 }
 

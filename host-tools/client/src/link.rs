@@ -33,6 +33,7 @@ pub struct Link {
     pub(crate) reader: Box<dyn Read + Send>,
     pub(crate) writer: Box<dyn Write + Send>,
     pub(crate) device: Option<Box<dyn Device>>,
+    pub(crate) first_tag: Option<u8>,
 }
 
 /// Device in this process, behind its own [`Link`]. Dropping it ends it.
@@ -63,7 +64,14 @@ impl Link {
     /// [`WouldBlock`](io::ErrorKind::WouldBlock) at least every 100 ms.
     #[must_use]
     pub fn over(reader: Box<dyn Read + Send>, writer: Box<dyn Write + Send>) -> Self {
-        Self { reader, writer, device: None }
+        Self { reader, writer, device: None, first_tag: None }
+    }
+
+    /// Numbers the requests from `tag` on instead of a random number: the same requests are then
+    /// the same bytes. The link must hold no replies to an earlier program.
+    #[must_use]
+    pub fn with_first_tag(self, tag: u8) -> Self {
+        Self { first_tag: Some(tag), ..self }
     }
 
     /// Ties the device at the other end to this link.

@@ -197,7 +197,8 @@ struct Serve {
     /// Takes one scan of the trace for each scan of the board, from the first whenever scanning
     /// starts
     ///
-    /// The last scan of the trace repeats, and virtual time waits for the client.
+    /// The last scan of the trace repeats. Virtual time waits for the client: it passes from each
+    /// request to its reply, and without end once the client has closed its sending side.
     #[arg(long)]
     replay: bool,
     /// Address to listen on; port 0 takes any free port
@@ -235,9 +236,9 @@ fn serve(arguments: &Serve) -> Result<()> {
         samples.iter().map(|sample| sample.scan.codes.rescaled(FullScale::BITS_12)).collect();
     let finger = Finger::new(scene, pace);
     let board = Board::new(arguments.board, &bytes(&arguments.image)?, finger, Host::new(false))?;
-    let mut server = Server::new(board, &arguments.listen, arguments.replay)?;
+    let mut server = Server::new(board, &arguments.listen)?;
     println!("{}", server.greeting()?);
-    server.serve()
+    if arguments.replay { server.replay() } else { server.serve() }
 }
 
 /// Runs the board with its port closed, and prints the emulator's speed.

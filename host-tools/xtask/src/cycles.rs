@@ -8,14 +8,11 @@ use clap::Args;
 
 use crate::costs::{self, Stage};
 use crate::emulator::{built, cargo, directory};
-use crate::firmware;
+use crate::firmware::{self, PRODUCT};
 use crate::run::{program, root, run, setup, target};
 
 /// The crate of `boards/` that calls the stages.
 const IMAGE: &str = "cycles";
-
-/// The board that runs as a whole.
-const PRODUCT: &str = "stm32g431";
 
 /// Arguments of `cargo xtask cycles`.
 #[derive(Args)]

@@ -50,6 +50,8 @@ enum Task {
     /// Tests what changed since `main`, or with `--profile ci` everything that must hold
     Test(Test),
     /// Builds the firmware of a board; prints the file on stdout, its sizes on stderr
+    ///
+    /// With DEFMT_LOG=info in the environment, it is BOARD-log.elf, which logs over a probe.
     Firmware {
         /// A folder of `boards/`
         board: String,

@@ -7,13 +7,14 @@ use std::process::{Command, Stdio};
 use anyhow::{Context, Result, bail};
 
 /// Variables that `cargo xtask` or a user sets and that would change a nested cargo's build.
-const INHERITED: [&str; 9] = [
+const INHERITED: [&str; 10] = [
     "CARGO",
     "CARGO_BUILD_RUSTFLAGS",
     "CARGO_BUILD_TARGET",
     "CARGO_BUILD_TARGET_DIR",
     "CARGO_ENCODED_RUSTFLAGS",
     "CARGO_TARGET_DIR",
+    "DEFMT_LOG",
     "RUSTC",
     "RUSTC_WORKSPACE_WRAPPER",
     "RUSTFLAGS",

@@ -266,7 +266,10 @@ fn images(steps: &mut Steps) -> Result<()> {
     for board in firmware::boards()? {
         steps.take(&format!("firmware of {board}"), || firmware::build(&board))?;
     }
-    Ok(())
+    // The product's flash is the fullest.
+    steps.take("firmware of the product with its log", || {
+        firmware::build_with(firmware::PRODUCT, Some("info"))
+    })
 }
 
 /// Tests of a workspace to run.

@@ -3,8 +3,10 @@
 //!
 //! The board scans at the trace's rate and reads one of its scans each time. A trace slower than
 //! the board's lowest rate has each scan read several times. Time waits for the client, so that
-//! nothing is lost on this side. A frame that the board's own link loses is an error.
+//! nothing is lost on this side, and two replays give the same frames. A frame that the board's own
+//! link loses is an error.
 
+use std::net::{Shutdown, TcpStream};
 use std::ops::ControlFlow;
 use std::time::Duration;
 
@@ -14,7 +16,7 @@ use taxel::frame::{Fields, Frame, Status};
 use taxel::scan::{Scan, ScanSettings};
 use taxel::units::{FullScale, Micros};
 use taxel::wire::message::Refusal;
-use taxel_client::{Client, Problem};
+use taxel_client::{Client, Link, Port, Problem};
 use taxel_files::trace::{Sample, TraceHeader, TraceWriter, Truth};
 use tempfile::NamedTempFile;
 
@@ -28,6 +30,8 @@ const OVERSAMPLING: [u16; 4] = [8, 4, 2, 1];
 const SETTLE_QUARTERS: [u32; 3] = [8, 6, 4];
 /// Silence after which a board counts as stopped.
 const PATIENCE: Duration = Duration::from_secs(10);
+/// Interval at which the client looks whether to stop reading.
+const POLL: Duration = Duration::from_millis(50);
 
 /// Settings of a replaying board; its rate is the trace's.
 #[derive(Clone, Copy, Debug)]
@@ -45,6 +49,7 @@ pub struct Settings {
 /// Replay that is ready to run.
 pub struct Replay {
     client: Client,
+    link: TcpStream,
     settings: ScanSettings,
     full_scale: FullScale,
     /// Number of scans in the trace.
@@ -68,7 +73,7 @@ impl Replay {
         let each = board.slowest_hz().div_ceil(hz);
         let trace = written(scans, each)?;
         let board = Emulated::replaying(board, trace.path())?;
-        let client = Client::open(board.port())?;
+        let (client, link) = connected(board.port())?;
         if let Some(record) = record {
             client.upload_calibration(record, |_| ControlFlow::Continue(()))?;
         }
@@ -84,7 +89,7 @@ impl Replay {
         let full_scale = client.info()?.identity.full_scale;
         let begin = scans.first().map_or(Micros(0), |scan| scan.time);
         let scans = scans.len();
-        Ok(Self { client, settings, full_scale, scans, begin, _board: board })
+        Ok(Self { client, link, settings, full_scale, scans, begin, _board: board })
     }
 
     /// Full scale of the codes in the frames.
@@ -100,10 +105,18 @@ impl Replay {
     /// The board's link could not carry all frames, or broke.
     pub fn run(self, mut frame: impl FnMut(&Frame) -> ControlFlow<()>) -> anyhow::Result<()> {
         self.client.stream(true)?;
-        // The first scan after a standstill has the flag OVERRUN; earlier ones must not.
-        self.skip_to(|status| !status.contains(Status::OVERRUN))?;
+        // The first scan after a standstill has the flag OVERRUN; earlier ones must not. The board's
+        // time passes by requests alone until there are no more.
+        let begins = |frame: &Frame| frame.status.contains(Status::OVERRUN);
+        while self.client.next(Duration::ZERO)?.is_none_or(|next| begins(&next.frame)) {
+            self.client.info()?;
+        }
         self.client.set_scan(self.settings)?;
-        let mut next = self.skip_to(|status| status.contains(Status::OVERRUN))?;
+        self.link.shutdown(Shutdown::Write).context("ending the requests to the emulator")?;
+        let mut next = self.next(0)?;
+        while !begins(&next) {
+            next = self.next(0)?;
+        }
         let first = next;
         for received in 0..self.scans {
             if next.seq.wrapping_sub(first.seq) as usize != received {
@@ -126,15 +139,6 @@ impl Replay {
         Ok(())
     }
 
-    fn skip_to(&self, wanted: impl Fn(Status) -> bool) -> anyhow::Result<Frame> {
-        loop {
-            let frame = self.next(0)?;
-            if wanted(frame.status) {
-                return Ok(frame);
-            }
-        }
-    }
-
     fn next(&self, received: usize) -> anyhow::Result<Frame> {
         let next = self.client.next(PATIENCE)?;
         next.map(|next| next.frame).ok_or_else(|| self.lost(received))
@@ -146,6 +150,19 @@ impl Replay {
             self.scans
         )
     }
+}
+
+/// Connects so that each replay sends the same bytes. Returns the link, too, whose sending side
+/// ends the requests.
+fn connected(port: &Port) -> anyhow::Result<(Client, TcpStream)> {
+    let Port::Tcp { host, port: number } = port else { bail!("{port}: not a TCP port") };
+    let reader =
+        TcpStream::connect((host.as_str(), *number)).context("connecting to the emulator")?;
+    reader.set_nodelay(true)?;
+    reader.set_read_timeout(Some(POLL))?;
+    let (writer, link) = (reader.try_clone()?, reader.try_clone()?);
+    let ends = Link::over(Box::new(reader), Box::new(writer)).with_first_tag(0);
+    Ok((Client::over(port, ends)?, link))
 }
 
 /// Computes the scan rate in Hz from the times; 1 for a single scan.

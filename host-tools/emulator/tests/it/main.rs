@@ -14,5 +14,6 @@ mod load;
 mod models;
 mod named;
 mod page;
+mod replay;
 mod starter;
 mod support;
