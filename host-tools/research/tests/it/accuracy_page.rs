@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use taxel_research::detection;
 use taxel_research::failures::{self, Of};
 
 const PAGE: &str = include_str!("../../../../docs/accuracy.md");
@@ -9,6 +10,7 @@ const EMULATOR: &str = include_str!("../../../../docs/emulator.md");
 const ESTIMATORS: &str = include_str!("../../../../docs/images/estimators.csv");
 const BOUNDARIES: &str = include_str!("../../../../docs/images/boundaries.csv");
 const COSTS: &str = include_str!("../../../emulator/data/cycles.csv");
+const DETECTION: &str = include_str!("../../data/detection.csv");
 const EDGE: &str = include_str!("../../../../docs/images/edge.csv");
 const PEERS: &str = include_str!("../../../../docs/images/peers.csv");
 const THROUGHPUT: &str = include_str!("../../../../docs/images/throughput.csv");
@@ -278,4 +280,14 @@ fn page_lists_panels_with_default_off_the_front() {
     for own in ["finger", "slip: both"] {
         assert_front_line(own, &beaten(own, |_| true));
     }
+}
+
+#[test]
+fn faults_of_channels_quote_detection_csv() {
+    let section = detection::section(&detection::parse(DETECTION).unwrap());
+    assert!(section.lines().count() > 30, "{section}");
+    assert!(
+        PAGE.contains(&section),
+        "docs/accuracy.md: draw it with `taxel-research detection --draw`"
+    );
 }

@@ -1,6 +1,7 @@
 //! Research tasks that need data or programs from outside this repository.
 
 mod ablation;
+mod detection;
 mod peers;
 mod specification;
 
@@ -24,6 +25,7 @@ enum Task {
     /// Fits and judges recordings that are not in the repository; fails where a limit is missed
     Judge(specification::Judge),
     Ablation(ablation::Ablation),
+    Detection(detection::Detection),
     /// Counts cycles of the 16-16-3 net in other libraries into host-tools/emulator/data/peers.csv
     Peers,
 }
@@ -32,6 +34,7 @@ fn main() -> ExitCode {
     let done = match Arguments::parse().task {
         Task::Judge(judge) => specification::judge(&judge),
         Task::Ablation(arguments) => ablation::run(&arguments),
+        Task::Detection(arguments) => detection::run(&arguments),
         Task::Peers => peers::count(),
     };
     match done {

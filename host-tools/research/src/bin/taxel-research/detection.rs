@@ -1,0 +1,60 @@
+//! Detection of faults, into host-tools/research/data/detection.csv, its chart and its section.
+
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use clap::Args;
+use taxel_research::{Waiting, detection};
+
+use crate::root;
+
+/// Injects every kind of fault into a simulated reference finger and judges how it is reported,
+/// into host-tools/research/data/detection.csv, docs/images/detection.svg and docs/accuracy.md
+#[derive(Args)]
+pub struct Detection {
+    /// Runs of each sound scene, for the rate of false alarms
+    #[arg(long, default_value_t = 1)]
+    clean_runs: u64,
+    /// Only draw chart and section from the CSV file that is there
+    #[arg(long)]
+    draw: bool,
+}
+
+fn csv() -> PathBuf {
+    root().join("host-tools/research/data/detection.csv")
+}
+
+/// Measures, unless the table is only to be drawn, and draws chart and section.
+pub fn run(arguments: &Detection) -> Result<()> {
+    let path = csv();
+    if !arguments.draw {
+        let (start, told) = (Instant::now(), Mutex::new(-1));
+        let progress = |share: f64, what: &str| {
+            let percent = (100.0 * share) as i32;
+            let Ok(mut told) = told.lock() else { return };
+            if percent > *told {
+                *told = percent;
+                eprintln!("{percent:3} % {:4.0} s  {what}", start.elapsed().as_secs_f64());
+            }
+        };
+        let waiting = Waiting { progress: &progress, stop: &AtomicBool::new(false) };
+        detection::write_table(&detection::measure(arguments.clean_runs, waiting)?, &path)?;
+    }
+    let rows = detection::parse(&std::fs::read_to_string(&path)?)?;
+    detection::write_chart(&rows, &root().join("docs/images/detection.svg"))?;
+    let page = root().join("docs/accuracy.md");
+    let drawn = with_section(&std::fs::read_to_string(&page)?, &detection::section(&rows))?;
+    Ok(std::fs::write(&page, drawn)?)
+}
+
+const BEGIN: &str = "<!-- begin: taxel-research detection -->\n";
+const END: &str = "<!-- end: taxel-research detection -->\n";
+
+fn with_section(page: &str, section: &str) -> Result<String> {
+    let (before, rest) = page.split_once(BEGIN).context("the page has no mark for the faults")?;
+    let (_, after) = rest.split_once(END).context("the page has no mark after the faults")?;
+    Ok(format!("{before}{BEGIN}\n{section}\n{END}{after}"))
+}

@@ -1,0 +1,293 @@
+//! Calibrated reference fingers with sound runs of touches.
+
+use std::sync::atomic::AtomicBool;
+
+use taxel::calibration::Calibration;
+use taxel::finger::{Estimate, Finger, FingerState, Wanted};
+use taxel::frame::Fields;
+use taxel::scan::{Codes, SENSORS, Scan};
+use taxel::units::FullScale;
+use taxel_calibrate::finger::{FitOptions, fit};
+use taxel_calibrate::recording::Recording;
+use taxel_regress::model::Family;
+use taxel_sim::{Scene, Simulator, scene::Changes};
+
+use super::judge::Frame;
+use crate::faults::{CHANNELS, Flat, Place, RATE_HZ, Sound, flat};
+
+/// Highest code of the reference finger: a sum of eight conversions of 12 bits.
+const TOP: u16 = 8 * 4095;
+/// Recordings of the calibration: scene and seed, as in the README.
+const CALIBRATION: [(&str, u64); 2] = [("presses", 1), ("shear", 2)];
+/// Recording of the finger at rest while it warms.
+const WARM_UP: (&str, u64) = ("warm-up", 4);
+/// Seed of the touches and sound scenes.
+pub(super) const SEED: u64 = 41;
+/// Touches: place in mm and force in newtons.
+const TOUCHES: [[f64; 5]; 4] = [
+    [0.6, -0.4, 0.2, 0.1, 1.0],
+    [-2.1, 1.8, -0.1, 0.25, 1.0],
+    [1.9, 1.2, 0.3, -0.1, 1.0],
+    [-0.3, -1.7, -0.2, -0.2, 1.0],
+];
+/// Time of the touch, of its rise and of its end in seconds.
+const TOUCH_S: f64 = 0.3;
+const RISE_S: f64 = 0.05;
+const END_S: f64 = 1.1;
+/// Scans that are judged from the fault on: 0.45 s.
+const JUDGED: usize = 1800;
+/// Wanted of each scan: the default fields, in a frame of its own.
+pub(super) const WANTED: Wanted = Wanted { fields: Fields::ESTIMATES, due: true };
+
+/// Moment at which a fault starts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Phase {
+    /// Nothing touches; a press comes 0.1 s later.
+    Unloaded,
+    /// The touch begins.
+    Onset,
+    /// A press of 1 N with shear is held.
+    Loaded,
+}
+
+pub(super) const PHASES: [Phase; 3] = [Phase::Unloaded, Phase::Onset, Phase::Loaded];
+
+impl Phase {
+    /// Name in the table.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Unloaded => "unloaded",
+            Self::Onset => "onset",
+            Self::Loaded => "loaded",
+        }
+    }
+
+    /// First faulty scan and number of judged scans.
+    pub fn scans(self) -> [usize; 2] {
+        let at_s = match self {
+            Self::Unloaded => TOUCH_S - 0.1,
+            Self::Onset => TOUCH_S,
+            Self::Loaded => TOUCH_S + 0.3,
+        };
+        [(at_s * RATE_HZ).round() as usize, JUDGED]
+    }
+}
+
+/// Parts of a finger.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Has {
+    /// The matrix alone.
+    Matrix,
+    /// Matrix and force sensors.
+    Sensors,
+    /// Matrix, force sensors and a calibration of warming.
+    Thermometer,
+}
+
+impl Has {
+    /// Fingers that have a place which may be faulty.
+    pub fn of(place: Place) -> &'static [Self] {
+        if place.is_auxiliary() {
+            &[Self::Thermometer]
+        } else if place.of_matrix() {
+            &[Self::Matrix, Self::Sensors]
+        } else {
+            &[Self::Sensors]
+        }
+    }
+
+    /// Name in the table.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Matrix => "matrix",
+            Self::Sensors | Self::Thermometer => "matrix and sensors",
+        }
+    }
+
+    /// Largest error of force without a flag that is asked for, in mN.
+    pub fn limit_mn(self) -> f64 {
+        if self == Self::Matrix { 50.0 } else { 20.0 }
+    }
+
+    /// Returns the codes of a finger that has these parts.
+    pub fn cut(self, mut codes: Codes) -> Codes {
+        if self == Self::Matrix {
+            codes.bridges = [None; SENSORS];
+        }
+        match FullScale::new(TOP) {
+            Some(top) => codes.rescaled(top),
+            None => codes,
+        }
+    }
+}
+
+/// A calibrated device with its sound runs.
+pub(super) struct Bench {
+    device: u64,
+    warm: bool,
+    calibration: Calibration,
+    runs: Vec<(Has, Run)>,
+}
+
+/// A sound run of one touch.
+pub(super) struct Run {
+    pub finger: Finger,
+    /// Scans, and their codes as a list.
+    pub scans: Vec<Scan>,
+    pub codes: Vec<Flat>,
+    /// Frames of the sound finger.
+    pub frames: Vec<Frame>,
+    /// State before the first faulty scan of each phase.
+    states: Vec<FingerState>,
+    sigma: [f64; CHANNELS],
+}
+
+/// Loads a built-in scene for the reference finger of this device, with changes.
+pub(super) fn scene(name: &str, device: u64, warm: bool, set: &[String]) -> anyhow::Result<Scene> {
+    let mut all = vec![format!("device.seed={device}")];
+    if warm {
+        all.push("effects.temperature=true".into());
+    }
+    all.extend_from_slice(set);
+    Ok(Scene::load_changed(name, &Changes { reference: true, set: all })?)
+}
+
+impl Bench {
+    /// Calibrates a device by default, or also on its warming, and records its touches.
+    pub fn new(device: u64, warm: bool, stop: &AtomicBool) -> anyhow::Result<Self> {
+        let names = CALIBRATION.into_iter().chain(warm.then_some(WARM_UP));
+        let recordings = names.map(|(name, seed)| {
+            // Nobody reads a load cell while the finger warms.
+            let exact = (name == WARM_UP.0).then(|| "effects.bench-error=false".to_owned());
+            let scene = scene(name, device, warm, exact.as_slice())?;
+            Ok(Recording { name: name.into(), samples: Simulator::new(&scene, seed).collect() })
+        });
+        let recordings: Vec<Recording> = recordings.collect::<anyhow::Result<_>>()?;
+        // As the command does by default.
+        let options = FitOptions { family: Family::Auto, ..FitOptions::default() };
+        let fitted = fit(&recordings, &options, &mut |_| {}, stop)?;
+        let mut bench = Self { device, warm, calibration: fitted.calibration, runs: Vec::new() };
+        for touch in TOUCHES {
+            let own: &[Has] = if warm { &[Has::Thermometer] } else { &[Has::Matrix, Has::Sensors] };
+            for has in own {
+                bench.runs.push((*has, bench.run(*has, touch)?));
+            }
+        }
+        Ok(bench)
+    }
+
+    /// Returns whether this bench has fingers of these parts.
+    pub fn is(&self, has: Has) -> bool {
+        self.warm == (has == Has::Thermometer)
+    }
+
+    /// Returns the sound runs of a finger with these parts.
+    pub fn runs(&self, has: Has) -> impl Iterator<Item = &Run> {
+        self.runs.iter().filter(move |(of, _)| *of == has).map(|(_, run)| run)
+    }
+
+    /// Seed of the device.
+    pub fn device(&self) -> u64 {
+        self.device
+    }
+
+    /// Makes a finger that has these parts, and its initial state.
+    pub fn finger(&self, has: Has) -> (Finger, FingerState) {
+        let mut calibration = self.calibration.clone();
+        if has == Has::Matrix {
+            (calibration.array, calibration.sensors) = (None, Default::default());
+        }
+        Finger::new(Some(calibration))
+    }
+
+    fn run(&self, has: Has, [x, y, fx, fy, fz]: [f64; 5]) -> anyhow::Result<Run> {
+        let keys = [
+            ("scan.duration_s", END_S),
+            ("press.at_s", TOUCH_S),
+            ("press.x_mm", x),
+            ("press.y_mm", y),
+            ("press.fx_n", fx),
+            ("press.fy_n", fy),
+            ("press.fz_n", fz),
+            ("press.rise_s", RISE_S),
+            ("press.hold_s", END_S - TOUCH_S - 3.0 * RISE_S),
+            ("press.fall_s", RISE_S),
+        ];
+        let set = keys.map(|(key, value)| format!("{key}={value:?}"));
+        let scene = scene("press-4khz", self.device, self.warm, &set)?;
+        let (finger, mut state) = self.finger(has);
+        let mut run = Run {
+            finger,
+            scans: Vec::new(),
+            codes: Vec::new(),
+            frames: Vec::new(),
+            states: Vec::new(),
+            sigma: [0.0; CHANNELS],
+        };
+        let mut estimate = Estimate::NOTHING;
+        for (n, sample) in Simulator::new(&scene, SEED).enumerate() {
+            let scan = Scan { codes: has.cut(sample.scan.codes), ..sample.scan };
+            if PHASES.iter().any(|phase| phase.scans()[0] == n) {
+                run.states.push(state.clone());
+            }
+            run.finger.update(&mut estimate, &mut state, &scan, WANTED);
+            run.frames.push(Frame::of(&estimate));
+            run.codes.push(flat(&scan.codes));
+            run.scans.push(scan);
+        }
+        let rest = Phase::Unloaded.scans()[0];
+        run.sigma = deviations(&run.codes[..rest]);
+        Ok(run)
+    }
+}
+
+impl Run {
+    /// State of the sound finger before the first faulty scan.
+    pub fn state(&self, phase: Phase) -> FingerState {
+        let at = PHASES.iter().position(|of| *of == phase).unwrap_or_default();
+        self.states[at].clone()
+    }
+
+    /// Sound codes from which a fault starts.
+    pub fn sound(&self, phase: Phase) -> Sound {
+        Sound { held: self.codes[phase.scans()[0]], sigma: self.sigma, top: TOP }
+    }
+}
+
+/// Standard deviation of each channel's noise, from second differences: light that swings with the
+/// mains is no noise.
+fn deviations(codes: &[Flat]) -> [f64; CHANNELS] {
+    /// Sum of the squared weights of a second difference.
+    const GAIN: f64 = 6.0;
+    core::array::from_fn(|k| {
+        let differences = codes.windows(3).filter_map(|three| {
+            let [a, b, c] = <&[Flat; 3]>::try_from(three).ok()?.map(|codes| f64::from(codes[k]));
+            Some(a - 2.0 * b + c)
+        });
+        let n = codes.len().saturating_sub(2).max(1) as f64;
+        (differences.map(|d| d * d).sum::<f64>() / (GAIN * n)).sqrt()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn phases_begin_in_order_and_end_before_the_run() {
+        let [unloaded, onset, loaded] = PHASES.map(|phase| phase.scans()[0]);
+        assert!(unloaded < onset && onset < loaded);
+        assert!(loaded + JUDGED <= (END_S * RATE_HZ) as usize);
+    }
+
+    #[test]
+    fn deviation_is_that_of_the_noise_without_the_swing() {
+        // Steps of 2 with a period of three scans have a variance of 8/9, on a slow ramp.
+        let codes: Vec<Flat> = (0..302)
+            .map(|n| [(1000 + 10 * n + if n % 3 == 0 { 2 } else { 0 }) as u16; CHANNELS])
+            .collect();
+        let squares = (16.0 + 4.0 + 4.0) / 3.0;
+        let expected = (squares / 6.0f64).sqrt();
+        assert!(deviations(&codes).iter().all(|sigma| (sigma - expected).abs() < 1e-9));
+    }
+}
