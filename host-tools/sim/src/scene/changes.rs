@@ -1,6 +1,7 @@
 //! Changes to a scene before it is read: the reference finger, and single keys.
 
 use scan_plan::finger::REFERENCE;
+use serde::Deserialize;
 use taxel_files::FileError;
 use toml::{Table, Value};
 
@@ -105,6 +106,8 @@ fn set(table: &mut Table, change: &str) -> Result<(), String> {
     let (key, value) = (key.trim(), value.trim());
     if let Some(effect) = key.strip_prefix("effects.") {
         let on = value.parse().map_err(|_| format!("`{value}` is not true or false"))?;
+        // To switch off what there is not would change nothing, without a word.
+        super::Effect::deserialize(Value::from(effect)).map_err(|e| e.message().to_owned())?;
         switch(table, effect, on);
         return Ok(());
     }
@@ -169,6 +172,8 @@ mod tests {
         let said = |set: &str| changed(false, &[set]).unwrap_err().to_string();
         assert!(said("material.young=1").contains("young"), "{}", said("material.young=1"));
         assert!(said("effects.walls=maybe").contains("--set effects.walls=maybe"));
+        let unknown = said("effects.wall=false");
+        assert!(unknown.contains("`wall`") && unknown.contains("`walls`"), "{unknown}");
         assert!(said("scan").contains("expected KEY=VALUE"));
         let message = Scene::load_changed("micro-press", &Changes { reference: true, set: vec![] });
         assert!(message.unwrap_err().to_string().contains("reference finger"));
