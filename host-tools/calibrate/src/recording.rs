@@ -28,6 +28,8 @@ const SETTLE_US: u64 = 20_000;
 const SMALL_FORCE: f64 = 0.005;
 /// Least force, in standard deviations of the reference.
 const CLEAR_OF_NOISE: f64 = 5.0;
+/// Largest force of a recording at rest, in standard deviations of its reference.
+const MOST_NOISE: f64 = 6.0;
 /// Least distance of a wrong unloaded row from a channel's median, in its deviations.
 ///
 /// It must also exceed two steps of a 12-bit converter.
@@ -119,8 +121,20 @@ impl Recording {
     }
 
     /// Whether the reference shows no touch at all: a recording of the warm-up alone.
+    ///
+    /// The noise of a load cell takes some rows beyond the limit of a touch, but none as far as a
+    /// press does.
     pub(crate) fn is_unloaded(&self) -> bool {
-        self.touched().is_some_and(|touched| !touched.contains(&true))
+        let touched = |sample: &Sample| sample.truth.contact == Some(true);
+        let noise = |k: usize| {
+            let forces: Vec<Option<f64>> =
+                self.samples.iter().map(|sample| components(sample).nth(k).flatten()).collect();
+            let most = MOST_NOISE * jitter(&forces);
+            forces.into_iter().flatten().all(|force| force.abs() <= most)
+        };
+        self.touched().is_some()
+            && !self.samples.iter().any(touched)
+            && self.samples.first().is_none_or(|sample| (0..components(sample).count()).all(noise))
     }
 
     /// First stretch in which nothing touches the finger.
@@ -266,8 +280,12 @@ fn sound(samples: &[Sample]) -> Vec<bool> {
 
 /// Largest force component of the reference.
 fn largest_force(sample: &Sample) -> Option<f64> {
-    let components = sample.truth.force.iter().chain(sample.truth.sensors.iter().flatten());
-    components.flatten().map(|force| force.abs()).reduce(f64::max)
+    components(sample).flatten().map(f64::abs).reduce(f64::max)
+}
+
+/// Components of the forces on the finger and on its sensors.
+fn components(sample: &Sample) -> impl Iterator<Item = Option<f64>> {
+    sample.truth.force.iter().chain(sample.truth.sensors.iter().flatten()).copied()
 }
 
 /// Standard deviation of the reference, from the median step between rows.

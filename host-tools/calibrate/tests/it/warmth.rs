@@ -100,6 +100,21 @@ fn warm_up_recording_compensates_temperature() {
 }
 
 #[test]
+fn noise_of_a_load_cell_is_no_load_of_a_warm_up() {
+    for seed in 1..4 {
+        let warm_up = Scene::load("warm-up").unwrap().with_effect(Effect::BenchError);
+        let warm_up = Recording { name: "warm-up".into(), samples: samples(warm_up, seed) };
+        assert!(warm_up.samples.iter().any(|s| s.truth.force[2].is_some_and(|f| f > 0.015)));
+        let recordings = [recorded("presses", 15), recorded("shear", 15), warm_up];
+        let net = NetOptions { seed: 0, starts: 1, steps: 3 };
+        let options =
+            FitOptions { subject: Subject::Finger, net, net_only: true, ..FitOptions::default() };
+        let fitted = fit(&recordings, &options, &mut |_| {}, &AtomicBool::new(false)).unwrap();
+        assert!(fitted.calibration.warmth.is_some());
+    }
+}
+
+#[test]
 fn warm_up_is_skipped_without_thermometer_elsewhere() {
     let mut loads = recorded("shear", 15);
     loads.samples.iter_mut().for_each(|sample| sample.scan.codes.temperature = None);
