@@ -125,16 +125,16 @@ impl Recording {
     /// The noise of a load cell takes some rows beyond the limit of a touch, but none as far as a
     /// press does.
     pub(crate) fn is_unloaded(&self) -> bool {
-        let touched = |sample: &Sample| sample.truth.contact == Some(true);
         let noise = |k: usize| {
             let forces: Vec<Option<f64>> =
                 self.samples.iter().map(|sample| components(sample).nth(k).flatten()).collect();
             let most = MOST_NOISE * jitter(&forces);
             forces.into_iter().flatten().all(|force| force.abs() <= most)
         };
-        self.touched().is_some()
-            && !self.samples.iter().any(touched)
-            && self.samples.first().is_none_or(|sample| (0..components(sample).count()).all(noise))
+        let contacts = self.samples.iter().map(|sample| sample.truth.contact);
+        let known = contacts.clone().any(|contact| contact.is_some())
+            || self.samples.iter().any(|sample| largest_force(sample).is_some());
+        known && contacts.flatten().all(|touches| !touches) && (0..3 + 3 * SENSORS).all(noise)
     }
 
     /// First stretch in which nothing touches the finger.

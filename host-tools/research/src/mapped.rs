@@ -23,7 +23,7 @@ use crate::device::{CALIBRATION, Device};
 use crate::truth::Beyond;
 
 /// Status bits that flag a fault.
-const FLAGS: [Status; 10] = [
+pub(crate) const FLAGS: [Status; 10] = [
     Status::UNCALIBRATED,
     Status::SATURATED,
     Status::DEAD_TAXEL,

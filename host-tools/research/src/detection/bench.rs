@@ -97,7 +97,7 @@ impl Has {
     }
 
     /// Name in the table.
-    pub fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
         match self {
             Self::Matrix => "matrix",
             Self::Sensors | Self::Thermometer => "matrix and sensors",
@@ -105,8 +105,11 @@ impl Has {
     }
 
     /// Largest error of force without a flag that is asked for, in mN.
-    pub fn limit_mn(self) -> f64 {
-        if self == Self::Matrix { 50.0 } else { 20.0 }
+    pub const fn limit_mn(self) -> f64 {
+        match self {
+            Self::Matrix => 50.0,
+            Self::Sensors | Self::Thermometer => 20.0,
+        }
     }
 
     /// Returns the codes of a finger that has these parts.

@@ -7,8 +7,8 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::page::LIMITS;
-use super::table::Row;
+use super::bench::PHASES;
+use super::table::{Fault, LIMITS, Row, faults};
 use crate::faults::Class;
 use crate::picture::{COLOURS, Done, FAINT, FONT, GREY, Note, Picture, power_of_ten};
 
@@ -23,14 +23,13 @@ const HEADING: i32 = 30;
 const NAMES: i32 = 300;
 /// Width of a cell in pixels; a cell for each phase.
 const CELL: i32 = 44;
-const PHASES: [&str; 3] = ["unloaded", "onset", "loaded"];
 /// Left and right end of the other two panels in pixels, with the powers of ten of their axes.
 const TIME: Axis = Axis { ends: [470, 618], powers: [-1, 3] };
 const ERROR: Axis = Axis { ends: [764, 956], powers: [-1, 4] };
 /// Left end of the cells of frames that are off without a flag; a cell for each finger.
 const SILENT: i32 = 650;
-/// Fingers with their colours.
-const FINGERS: [(&str, RGBColor); 2] = [("matrix", COLOURS[1]), ("matrix and sensors", COLOURS[0])];
+/// Colours of the fingers.
+const FINGERS: [RGBColor; 2] = [COLOURS[1], COLOURS[0]];
 
 /// Logarithmic axis.
 struct Axis {
@@ -46,24 +45,6 @@ impl Axis {
     }
 }
 
-/// Rows of one kind at one place.
-struct Line<'r> {
-    name: String,
-    rows: Vec<&'r Row>,
-}
-
-fn lines(rows: &[Row], class: Class) -> Vec<Line<'_>> {
-    let mut lines: Vec<Line<'_>> = Vec::new();
-    for row in rows.iter().filter(|row| row.class == class.name()) {
-        let name = format!("{}: {}", row.place, row.kind);
-        match lines.iter_mut().find(|line| line.name == name) {
-            Some(line) => line.rows.push(row),
-            None => lines.push(Line { name, rows: vec![row] }),
-        }
-    }
-    lines
-}
-
 fn title(class: Class) -> &'static str {
     match class {
         Class::Total => "No signal is left: named in the first frame",
@@ -74,16 +55,17 @@ fn title(class: Class) -> &'static str {
 }
 
 pub(super) fn draw(rows: &[Row]) -> anyhow::Result<Picture> {
-    let classes = Class::ALL.map(|class| (class, lines(rows, class)));
-    let all: usize = classes.iter().map(|(_, lines)| lines.len()).sum();
-    let height = TOP + HEADING * 4 + LINE * i32::try_from(all)? + 40;
+    let faults = faults(rows);
+    let height = TOP + HEADING * 4 + LINE * i32::try_from(faults.len())? + 40;
     Picture::draw((WIDTH as u32, u32::try_from(height)?), |area, notes| {
         legend(area)?;
         let mut y = TOP;
-        for (class, lines) in &classes {
+        for class in Class::ALL {
+            let of = |fault: &&Fault<'_>| fault.rows.iter().any(|row| row.class == class.name());
+            let lines: Vec<&Fault<'_>> = faults.iter().filter(of).collect();
             let bottom = y + HEADING + LINE * i32::try_from(lines.len())?;
-            grid(area, [y + HEADING - 2, bottom], *class)?;
-            write(area, title(*class), (16, y + HEADING - 11), HPos::Left, 14, BLACK)?;
+            grid(area, [y + HEADING - 2, bottom], class)?;
+            write(area, title(class), (16, y + HEADING - 11), HPos::Left, 14, BLACK)?;
             y += HEADING;
             for line in lines {
                 self::line(area, line, y + LINE / 2, notes)?;
@@ -110,9 +92,10 @@ fn write(
 fn legend(area: &Area<'_>) -> Done {
     write(area, "Simulated faults of the reference finger", (16, 18), HPos::Left, 16, BLACK)?;
     let mut x = 330;
-    for ((name, colour), words) in FINGERS.iter().zip(["matrix alone", "matrix and force sensors"])
+    for (((name, _), colour), words) in
+        LIMITS.iter().zip(FINGERS).zip(["matrix alone", "matrix and force sensors"])
     {
-        dot(area, (x, 18), *colour, name)?;
+        dot(area, (x, 18), colour, name)?;
         write(area, words, (x + 10, 18), HPos::Left, 13, BLACK)?;
         x += 40 + 7 * i32::try_from(words.len())?;
     }
@@ -120,7 +103,7 @@ fn legend(area: &Area<'_>) -> Done {
     write(area, "named right in time, %", (middle, 52), HPos::Center, 13, BLACK)?;
     for (i, phase) in (0..).zip(PHASES) {
         let at = (NAMES + 8 + CELL * i + CELL / 2, 72);
-        write(area, phase, at, HPos::Center, 10, GREY)?;
+        write(area, phase.name(), at, HPos::Center, 10, GREY)?;
     }
     let centre = |axis: &Axis| (axis.ends[0] + axis.ends[1]) / 2;
     for (axis, title, note) in [
@@ -163,7 +146,7 @@ fn grid(area: &Area<'_>, [top, bottom]: [i32; 2], class: Class) -> Done {
     if let Some(asked) = class.asked_ms() {
         vertical(TIME.at(asked), BLACK.stroke_width(1))?;
     }
-    for ((_, colour), (_, limit)) in FINGERS.iter().zip(LIMITS) {
+    for (colour, (_, limit)) in FINGERS.iter().zip(LIMITS) {
         vertical(ERROR.at(limit), colour.stroke_width(1))?;
     }
     Ok(())
@@ -186,10 +169,11 @@ fn axes(area: &Area<'_>, y: i32) -> Done {
     write(area, note, (16, y + 30), HPos::Left, 12, GREY)
 }
 
-fn line(area: &Area<'_>, line: &Line<'_>, y: i32, notes: &mut Vec<Note>) -> Done {
-    write(area, &line.name, (NAMES, y), HPos::Right, 12, BLACK)?;
+fn line(area: &Area<'_>, line: &Fault<'_>, y: i32, notes: &mut Vec<Note>) -> Done {
+    let name = format!("{}: {}", line.place, line.kind);
+    write(area, &name, (NAMES, y), HPos::Right, 12, BLACK)?;
     for (i, phase) in (0..).zip(PHASES) {
-        let of = line.rows.iter().filter(|row| row.phase == phase);
+        let of = line.rows.iter().filter(|row| row.phase == phase.name());
         let sum = |count: fn(&Row) -> u64| of.clone().map(|row| count(row)).sum::<u64>();
         let (cases, in_time) = (sum(|row| row.cases), sum(|row| row.in_time));
         if cases == 0 {
@@ -198,15 +182,12 @@ fn line(area: &Area<'_>, line: &Line<'_>, y: i32, notes: &mut Vec<Note>) -> Done
         let left = NAMES + 8 + CELL * i;
         cell(area, (left, y), in_time as f64 / cases as f64, COLOURS[0])?;
     }
-    for (i, (finger, colour)) in (0..).zip(FINGERS) {
-        let own: Vec<&&Row> = line.rows.iter().filter(|row| row.finger == finger).collect();
-        if !own.is_empty() {
-            let silent = own.iter().map(|row| row.silent).sum::<f64>() / own.len() as f64;
+    for (i, ((finger, _), colour)) in (0..).zip(LIMITS.iter().zip(FINGERS)) {
+        if let Some(silent) = line.silent_of(finger) {
             cell(area, (SILENT + CELL * i, y), 1e-2 * silent, COLOURS[1])?;
         }
         let y = y - 3 + 6 * i;
-        let most =
-            |of: fn(&Row) -> Option<f64>| own.iter().filter_map(|row| of(row)).reduce(f64::max);
+        let most = |of: fn(&Row) -> Option<f64>| line.most(finger, of);
         let spans = [
             (&TIME, most(|row| row.median_ms), most(|row| row.worst_ms)),
             (&ERROR, most(|row| row.p99_mn), most(|row| row.max_mn)),
@@ -216,7 +197,7 @@ fn line(area: &Area<'_>, line: &Line<'_>, y: i32, notes: &mut Vec<Note>) -> Done
             let (from, to) = (axis.at(usual), axis.at(most));
             area.draw(&PathElement::new([(from, y), (to, y)], colour.stroke_width(1)))?;
             dot(area, (from, y), colour, finger)?;
-            let text = format!("{}, {finger}: {usual:.2}, at most {most:.2}", line.name);
+            let text = format!("{name}, {finger}: {usual:.2}, at most {most:.2}");
             notes.push(Note { at: (from, y), text });
         }
     }
@@ -278,7 +259,7 @@ mod tests {
             ..Row::default()
         };
         let rows = [row("at zero", "unloaded"), row("at zero", "loaded"), row("off", "loaded")];
-        let lines = lines(&rows, Class::Total);
+        let lines = faults(&rows);
         assert_eq!(lines.iter().map(|line| line.rows.len()).collect::<Vec<_>>(), [2, 1]);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("chart.svg");

@@ -6,6 +6,7 @@ use taxel::scan::TAXELS;
 
 use super::bench::{Phase, Run, WANTED};
 use crate::faults::{Fault, RATE_HZ, unflat};
+use crate::mapped::FLAGS;
 
 /// Flags that report a fault of a channel; the first is that of a clipped taxel.
 pub(super) const FAULTS: [Status; 5] = [
@@ -15,15 +16,6 @@ pub(super) const FAULTS: [Status; 5] = [
     Status::STUCK_CHANNEL,
     Status::NOISY,
 ];
-/// Flags by which a host sees that a value is in doubt.
-const DOUBTS: [Status; 5] = [
-    Status::UNCALIBRATED,
-    Status::OUT_OF_RANGE,
-    Status::NOT_SINGLE,
-    Status::DISAGREE,
-    Status::TEMPERATURE,
-];
-
 /// Parts of a frame that are judged.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Frame {
@@ -47,12 +39,11 @@ impl Frame {
         let has = |flag: &Status| estimate.status.contains(*flag);
         let health = &estimate.signals.health;
         let taxels = u32::from(health.saturated | health.dead);
-        let fault = FAULTS.iter().any(has);
         let force = &estimate.force;
         Self {
             named: taxels | u32::from(health.bridge_faults) << TAXELS,
-            fault,
-            doubted: fault || DOUBTS.iter().any(has),
+            fault: FAULTS.iter().any(has),
+            doubted: FLAGS.iter().any(has),
             too_warm: has(&Status::TEMPERATURE),
             unclipped: FAULTS.iter().skip(1).any(has),
             force: [force.x, force.y, force.z].map(|part| part.ok().map(|newtons| newtons.0)),

@@ -2,10 +2,8 @@
 
 use std::fmt::Write as _;
 
-use super::table::Row;
+use super::table::{Fault, LIMITS, Row, faults};
 
-/// Largest error of force without a flag in mN, of each finger.
-pub(super) const LIMITS: [(&str, f64); 2] = [("matrix", 50.0), ("matrix and sensors", 20.0)];
 /// Share of the cases in per cent that must be named in time.
 const ASKED: f64 = 99.9;
 /// Most false alarms in a frame.
@@ -32,47 +30,14 @@ fn sudden(row: &Row, begins: &[&str]) -> bool {
     row.class == "sudden" && begins.iter().any(|word| row.kind.starts_with(word))
 }
 
-/// One kind of fault at one kind of place, all phases together.
-struct Fault<'r> {
-    name: String,
-    rows: Vec<&'r Row>,
-}
-
-impl Fault<'_> {
-    fn most(&self, finger: &str, figure: fn(&Row) -> Option<f64>) -> Option<f64> {
-        let own = self.rows.iter().filter(|row| row.finger == finger);
-        own.filter_map(|row| figure(row)).reduce(f64::max)
-    }
-
-    /// Largest share of frames that are off by more than the limit without a flag, in per cent.
-    fn silent(&self) -> f64 {
-        LIMITS.iter().filter_map(|(finger, _)| self.silent_of(finger)).fold(0.0, f64::max)
-    }
-
-    /// That share of one finger, the mean of the phases.
-    fn silent_of(&self, finger: &str) -> Option<f64> {
-        let own = || self.rows.iter().filter(|row| row.finger == finger);
-        let n = own().count();
-        (n > 0).then(|| own().map(|row| row.silent).sum::<f64>() / n as f64)
-    }
-}
-
 /// Share of the cases in per cent; `None` without cases.
 fn share<'r>(rows: impl Iterator<Item = &'r Row>, count: fn(&Row) -> u64) -> Option<f64> {
     let (part, all) = rows.fold((0, 0), |(part, all), row| (part + count(row), all + row.cases));
     (all > 0).then(|| 100.0 * part as f64 / all as f64)
 }
 
-fn faults(rows: &[Row]) -> Vec<Fault<'_>> {
-    let mut faults: Vec<Fault<'_>> = Vec::new();
-    for row in rows.iter().filter(|row| !row.is_clean()) {
-        let name = format!("{} {}", row.place, row.kind);
-        match faults.iter_mut().find(|fault| fault.name == name) {
-            Some(fault) => fault.rows.push(row),
-            None => faults.push(Fault { name, rows: vec![row] }),
-        }
-    }
-    faults
+fn name(fault: &Fault<'_>) -> String {
+    format!("{} {}", fault.place, fault.kind)
 }
 
 fn percent(share: Option<f64>) -> String {
@@ -141,8 +106,7 @@ fn errors(faults: &[Fault<'_>]) -> String {
                     largest |\n|---|---|---|---|---|\n"
         .to_owned();
     for ((finger, limit), name) in LIMITS.iter().zip(["matrix alone", "with force sensors"]) {
-        let own: Vec<&Fault<'_>> =
-            faults.iter().filter(|f| f.rows.iter().any(|row| row.finger == *finger)).collect();
+        let own: Vec<&Fault<'_>> = faults.iter().filter(|f| f.is_of(finger)).collect();
         let within = |figure: fn(&Row) -> Option<f64>| {
             own.iter().filter(|f| f.most(finger, figure).is_none_or(|mn| mn <= *limit)).count()
         };
@@ -226,12 +190,11 @@ fn unnamed(faults: &[Fault<'_>]) -> String {
             }
         });
         let slides = percent(share(fault.rows.iter().copied(), |row| row.slides));
-        let name = &fault.name;
+        let name = name(fault);
         let _ = writeln!(text, "| {name} | {silent} | {silent_both} | {own} | {both} | {slides} |");
     }
-    let names = |of: &[&Fault<'_>]| {
-        of.iter().map(|fault| fault.name.as_str()).collect::<Vec<_>>().join("; ")
-    };
+    let names =
+        |of: &[&Fault<'_>]| of.iter().map(|fault| name(fault)).collect::<Vec<_>>().join("; ");
     if !few.is_empty() {
         let _ = writeln!(
             text,

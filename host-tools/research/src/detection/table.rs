@@ -121,6 +121,57 @@ impl Row {
     }
 }
 
+/// Fingers by their names, with the largest error of force without a flag that is asked for, in mN.
+pub(super) const LIMITS: [(&str, f64); 2] =
+    [(Has::Matrix.name(), Has::Matrix.limit_mn()), (Has::Sensors.name(), Has::Sensors.limit_mn())];
+
+/// One kind of fault at one kind of place, all phases and fingers together.
+pub(super) struct Fault<'r> {
+    pub place: &'r str,
+    pub kind: &'r str,
+    pub rows: Vec<&'r Row>,
+}
+
+impl Fault<'_> {
+    fn of(&self, finger: &str) -> impl Iterator<Item = &Row> + Clone {
+        self.rows.iter().copied().filter(move |row| row.finger == finger)
+    }
+
+    /// Returns whether the finger has the place.
+    pub fn is_of(&self, finger: &str) -> bool {
+        self.of(finger).next().is_some()
+    }
+
+    /// Returns the largest of a figure of one finger.
+    pub fn most(&self, finger: &str, figure: fn(&Row) -> Option<f64>) -> Option<f64> {
+        self.of(finger).filter_map(figure).reduce(f64::max)
+    }
+
+    /// Largest share of frames that are off by more than the limit without a flag, in per cent.
+    pub fn silent(&self) -> f64 {
+        LIMITS.iter().filter_map(|(finger, _)| self.silent_of(finger)).fold(0.0, f64::max)
+    }
+
+    /// That share of one finger, the mean of the phases.
+    pub fn silent_of(&self, finger: &str) -> Option<f64> {
+        let n = self.of(finger).count();
+        (n > 0).then(|| self.of(finger).map(|row| row.silent).sum::<f64>() / n as f64)
+    }
+}
+
+/// Groups the rows of faults by kind and place, in their order.
+pub(super) fn faults(rows: &[Row]) -> Vec<Fault<'_>> {
+    let mut faults: Vec<Fault<'_>> = Vec::new();
+    for row in rows.iter().filter(|row| !row.is_clean()) {
+        let of = |fault: &&mut Fault<'_>| fault.place == row.place && fault.kind == row.kind;
+        match faults.iter_mut().find(of) {
+            Some(fault) => fault.rows.push(row),
+            None => faults.push(Fault { place: &row.place, kind: &row.kind, rows: vec![row] }),
+        }
+    }
+    faults
+}
+
 fn sorted(mut values: Vec<f64>) -> Vec<f64> {
     values.sort_by(f64::total_cmp);
     values

@@ -10,7 +10,7 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 use serde_json::Value;
 
-use crate::{command, root};
+use crate::{command, root, with_part};
 
 /// Fits and judges simulated fingers, one for each effect, into
 /// host-tools/research/data/ablation.csv and docs/accuracy.md
@@ -98,7 +98,7 @@ pub fn run(arguments: &Ablation) -> Result<()> {
         }
     }
     let page = root().join("docs/accuracy.md");
-    let drawn = with_table(&std::fs::read_to_string(&page)?, &table(&text)?)?;
+    let drawn = with_part(&std::fs::read_to_string(&page)?, "ablation", &table(&text)?)?;
     std::fs::write(&page, drawn)?;
     Ok(())
 }
@@ -250,15 +250,6 @@ fn table(text: &str) -> Result<String> {
     Ok(table)
 }
 
-const BEGIN: &str = "<!-- begin: taxel-research ablation -->\n";
-const END: &str = "<!-- end: taxel-research ablation -->\n";
-
-fn with_table(page: &str, table: &str) -> Result<String> {
-    let (before, rest) = page.split_once(BEGIN).context("the page has no mark for the table")?;
-    let (_, after) = rest.split_once(END).context("the page has no mark after the table")?;
-    Ok(format!("{before}{BEGIN}\n{table}\n{END}{after}"))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -268,7 +259,7 @@ mod tests {
         let text = std::fs::read_to_string(csv()).unwrap();
         assert!(text.starts_with(HEADER));
         let page = std::fs::read_to_string(root().join("docs/accuracy.md")).unwrap();
-        let drawn = with_table(&page, &table(&text).unwrap()).unwrap();
+        let drawn = with_part(&page, "ablation", &table(&text).unwrap()).unwrap();
         assert!(page == drawn, "docs/accuracy.md: draw it with `taxel-research ablation --draw`");
         let table = table(&text).unwrap();
         let row = table.lines().find(|line| line.starts_with("| **reference**")).unwrap();

@@ -5,11 +5,11 @@ use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Args;
 use taxel_research::{Waiting, detection};
 
-use crate::root;
+use crate::{root, with_part};
 
 /// Injects every kind of fault into a simulated reference finger and judges how it is reported,
 /// into host-tools/research/data/detection.csv, docs/images/detection.svg and docs/accuracy.md
@@ -46,15 +46,7 @@ pub fn run(arguments: &Detection) -> Result<()> {
     let rows = detection::parse(&std::fs::read_to_string(&path)?)?;
     detection::write_chart(&rows, &root().join("docs/images/detection.svg"))?;
     let page = root().join("docs/accuracy.md");
-    let drawn = with_section(&std::fs::read_to_string(&page)?, &detection::section(&rows))?;
+    let text = std::fs::read_to_string(&page)?;
+    let drawn = with_part(&text, "detection", &detection::section(&rows))?;
     Ok(std::fs::write(&page, drawn)?)
-}
-
-const BEGIN: &str = "<!-- begin: taxel-research detection -->\n";
-const END: &str = "<!-- end: taxel-research detection -->\n";
-
-fn with_section(page: &str, section: &str) -> Result<String> {
-    let (before, rest) = page.split_once(BEGIN).context("the page has no mark for the faults")?;
-    let (_, after) = rest.split_once(END).context("the page has no mark after the faults")?;
-    Ok(format!("{before}{BEGIN}\n{section}\n{END}{after}"))
 }

@@ -52,6 +52,16 @@ fn root() -> PathBuf {
     here.ancestors().nth(2).unwrap_or(here).to_owned()
 }
 
+/// Returns docs/accuracy.md with `text` between the marks of a task.
+fn with_part(page: &str, task: &str, text: &str) -> Result<String> {
+    let [begin, end] =
+        ["begin", "end"].map(|mark| format!("<!-- {mark}: taxel-research {task} -->\n"));
+    let missing = |mark: &str| format!("docs/accuracy.md: no line `{}`", mark.trim_end());
+    let (before, rest) = page.split_once(&begin).with_context(|| missing(&begin))?;
+    let (_, after) = rest.split_once(&end).with_context(|| missing(&end))?;
+    Ok(format!("{before}{begin}\n{text}\n{end}{after}"))
+}
+
 /// Returns a command in `folder` that reads no input.
 fn command(name: impl AsRef<OsStr>, folder: &Path) -> Command {
     let mut command = Command::new(name);
