@@ -15,6 +15,8 @@ mod lag;
 mod levels;
 mod low_pass;
 mod noise;
+#[cfg(test)]
+mod random;
 mod stuck;
 mod warmth;
 

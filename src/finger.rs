@@ -30,7 +30,7 @@ use crate::estimate::slip::{Slip, Verdict};
 use crate::estimate::{ContactPoint, Force, NormalContact, Uncertainty};
 use crate::frame::{Fields, FrameRef, Status};
 use crate::measured::{Measured, NoValue};
-use crate::scan::{Codes, SENSORS, Scan};
+use crate::scan::{Codes, SENSORS, Scan, TAXELS};
 use crate::units::{Micros, NewtonMillimetres};
 use fusion::{ArrayEstimate, Fused};
 use matrix::{MatrixState, OpticalEstimate, OpticalInput};
@@ -60,6 +60,8 @@ pub struct FingerState {
     gate: GateState,
     stuck: StuckWatch,
     noise: NoiseWatch,
+    faults: Faults,
+    doubt: Doubt,
     thermometer: Thermometer,
     taker: Option<BiasTaker>,
     filters: Filters,
@@ -73,6 +75,35 @@ struct Filters {
     drift: Drift,
     lag: LagState,
     smooth: LowPassState,
+}
+
+/// Doubt about slip, whose memories took a change of the faulty channels for a movement.
+#[derive(Clone, Copy, Debug, Default)]
+struct Doubt {
+    /// Microseconds until it ends.
+    left: u32,
+    /// Whether strong light was or is a reason.
+    flooded: bool,
+}
+
+impl Doubt {
+    fn withhold<T>(self, value: Measured<T>) -> Measured<T> {
+        let why = if self.flooded { NoValue::Saturated } else { NoValue::DeadChannel };
+        if self.left > 0 { value.and(Err(why)) } else { value }
+    }
+}
+
+/// Microseconds for which a change of the faulty channels leaves slip in doubt.
+const DOUBTED_US: u32 = 50_000;
+
+/// Faults of a scan that disturb slip. A single clipped taxel does not: its signal does not jump.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Faults {
+    dead: u16,
+    bridges: u8,
+    noisy: u8,
+    /// Light clips half of the taxels or more.
+    flooded: bool,
 }
 
 /// All estimates of one scan.
@@ -216,6 +247,17 @@ impl FingerState {
             self.grip.release();
         }
     }
+
+    /// Begins to doubt slip, and drops what it remembers; or prolongs the doubt.
+    #[cold]
+    #[inline(never)]
+    fn faults_changed(&mut self, faults: Faults) {
+        let before = core::mem::replace(&mut self.faults, faults);
+        if self.doubt.left == 0 {
+            self.grip.release();
+        }
+        self.doubt = Doubt { left: DOUBTED_US, flooded: before.flooded || faults.flooded };
+    }
 }
 
 impl Finger {
@@ -297,9 +339,12 @@ impl Finger {
         let healthy = healthy.map(|taxels| &taxels.bias.level);
         let signals = &mut estimate.signals;
         let bias = if state.taker.is_some() {
-            let bias = advance_bias(state, &Levels::at_reference(&scan.codes, warm, 1.0));
+            let mut levels = Levels::at_reference(&scan.codes, warm, 1.0);
+            let bias = advance_bias(state, &levels);
             let light = state.filters.drift.gain();
-            let levels = Levels::at_reference(&scan.codes, warm, light);
+            if let Some(taxels) = &mut levels.taxels {
+                taxels.iter_mut().for_each(|level| *level *= light);
+            }
             *signals = state.bias.apply(&levels, healthy);
             if let Some((warmth, level)) = warm {
                 warmth.scale(signals, level);
@@ -310,14 +355,16 @@ impl Finger {
             state.bias.direct(&scan.codes, healthy, warm, light, signals);
             None
         };
-        let stuck = state.stuck.update(&scan.codes);
+        let passed = scan.time.since(state.time);
+        state.time = scan.time;
+        let saturated = signals.health.saturated;
+        let flooded = saturated != 0 && saturated.count_ones() >= TAXELS as u32 / 2;
+        let stuck = state.stuck.update(&scan.codes, flooded);
         signals.health.dead |= stuck.taxels;
         signals.health.bridge_faults |= stuck.bridges;
         if scan.lost > 0 {
             state.noise.interrupt();
         }
-        let passed = scan.time.since(state.time);
-        state.time = scan.time;
         let noisy = state.noise.update(signals, &state.bias);
         let mut status = Status::default();
         let unknown = |(warmth, level): Warm<'_>| warmth.unknown(level);
@@ -357,7 +404,14 @@ impl Finger {
         // Gate and vibration detector take unfiltered signals: the gate responds at once, and slip
         // vibration lies above any filter's corner.
         let record = self.calibration.as_ref();
+        let Health { dead, bridge_faults: bridges, .. } = signals.health;
+        let faults = Faults { dead, bridges, noisy, flooded };
+        state.doubt.left = state.doubt.left.saturating_sub(passed);
+        if faults != state.faults {
+            state.faults_changed(faults);
+        }
         let slip = state.grip.listen(record, scan.time, signals);
+        let sound = state.doubt.withhold(slip);
         if let Some(lag) = record.and_then(Calibration::lag) {
             lag.advance(&mut state.filters.lag, steady(passed), signals);
             status.insert(Status::RAN_LAG);
@@ -368,11 +422,11 @@ impl Finger {
         estimate.time = scan.time;
         estimate.status = status;
         estimate.bias = bias;
-        if wanted.due || contact && slip.is_ok() && state.grip.is_due(scan.time) {
+        if wanted.due || contact && sound.is_ok() && state.grip.is_due(scan.time) {
             let sensors = self.sensor_forces(&scan.codes, estimate);
             if contact {
                 state.matrix.begin(scan.time, passed / scan.lost.saturating_add(1));
-                self.touched(estimate, state, &scan.codes, sensors, slip, wanted.fields);
+                self.touched(estimate, state, &scan.codes, sensors, sound, wanted.fields);
                 if !limits::possible(estimate) {
                     limits::withhold(estimate, state);
                 }

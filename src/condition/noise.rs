@@ -82,21 +82,13 @@ impl NoiseWatch {
 mod tests {
     use super::*;
     use crate::condition::BridgeBias;
+    use crate::condition::random::noise;
 
     const NOISE: f32 = 1e-4;
 
     fn bias() -> Bias {
         let sensor = BridgeBias { level: [0.0; 3], noise: NOISE };
         Bias { bridges: [Some(sensor); SENSORS], ..Bias::default() }
-    }
-
-    /// Noise with a standard deviation of one: twelve numbers of a multiplicative generator.
-    fn noise(state: &mut u32) -> f32 {
-        let mut uniform = || {
-            *state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (*state >> 8) as f32 / (1 << 24) as f32
-        };
-        (0..12).map(|_| uniform()).sum::<f32>() - 6.0
     }
 
     /// Share of scans in which a sensor is reported as noisy.

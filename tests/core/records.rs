@@ -162,7 +162,7 @@ impl Draw {
     }
 
     fn lag(&mut self) -> LagCompensation {
-        LagCompensation { taxels: self.between(1e-6, 0.05), sensors: self.between(1e-6, 0.05) }
+        LagCompensation { taxels: self.between(1e-4, 0.05), sensors: self.between(1e-4, 0.05) }
     }
 
     fn sensor(&mut self) -> SensorCalibration {

@@ -122,6 +122,22 @@ fn force_known_by_array_runs_no_matrix() {
 }
 
 #[test]
+fn slip_is_withheld_for_50_ms_after_a_channel_failed_or_came_back() {
+    let press = press(0.6, -0.4, [0.2, 1.0], 0.9);
+    let fault = "[[fault]]\nat_s = 0.6\nuntil_s = 0.8\nkind = 'open-channel'\nchannel = 'r1c2'\n";
+    let frames = estimates_of(record(), 1.5, &format!("{press}{fault}"), |_| Wanted::ALL);
+    for (i, (_, frame)) in frames.iter().enumerate().take(1250).skip(450) {
+        let dead = frame.status.contains(Status::DEAD_TAXEL);
+        assert_eq!(dead, (600..800).contains(&i), "{i}");
+        // The press is steady, and the array gives its force all the time.
+        let doubted = [600, 800].iter().any(|change| (*change..change + 50).contains(&i));
+        assert_eq!(frame.slip.err(), doubted.then_some(NoValue::DeadChannel), "{i}");
+        let slides = frame.status.intersects(Status::SLIDES | Status::SLIP_WARNING);
+        assert!(!slides && frame.force.z.is_ok(), "{i}");
+    }
+}
+
+#[test]
 fn scan_without_frame_runs_slip_in_turn_only() {
     let wanted = |i| Wanted { fields: Fields::ESTIMATES, due: i % 100 == 0 };
     let frames = estimates_of(record(), 1.2, &press(0.6, -0.4, [0.2, 1.0], 0.6), wanted);

@@ -1,4 +1,4 @@
-/* The core's two tanh in C, in place of the libraries': src/estimate/tanh.rs, a table of steps of 1/32 and a step of the
+/* The core's two tanh in C, in place of the libraries': src/estimate/tanh.rs, a table of steps of 1/16 and a step of the
  * third order, and boards/dsp/src/tanh.rs in 16 bits, a table of values and slopes. Like the core's nets the first takes
  * finite numbers only. */
 
@@ -9,10 +9,10 @@
 #include <math.h>
 #include <stdint.h>
 
-enum { TANH_LAST = 255, TANH_WHOLE_BITS = 0x48800000 };
+enum { TANH_LAST = 127, TANH_WHOLE_BITS = 0x49000000 };
 
-/* From 2^18 on, the lowest bits of a float count steps: adding this rounds to the nearest one. */
-#define TANH_MIDDLE (262144.0f + TANH_LAST / 32.0f)
+/* From 2^19 on, the lowest bits of a float count steps: adding this rounds to the nearest one. */
+#define TANH_MIDDLE (524288.0f + TANH_LAST / 16.0f)
 
 static float tanh_table[2 * TANH_LAST + 2];
 
@@ -30,7 +30,7 @@ static void tanh_prepare(void)
         tanh_table_16[511 - i] = (uint32_t)-(int32_t)value << 16 | slope;
     }
     for (int i = 0; i < TANH_LAST; i++) {
-        tanh_table[TANH_LAST + i] = (float)tanh(i / 32.0);
+        tanh_table[TANH_LAST + i] = (float)tanh(i / 16.0);
         tanh_table[TANH_LAST - i] = -tanh_table[TANH_LAST + i];
     }
     tanh_table[0] = -1.0f;
@@ -43,7 +43,7 @@ static inline float tanh_of_core(float x)
     /* Keeps a compiler that may reorder sums from taking the offset off again. */
     __asm__("" : "+t"(sum));
     union { float number; int32_t bits; } as = { sum };
-    float t = tanh_table[__usat(__qsub(as.bits, TANH_WHOLE_BITS), 9)];
+    float t = tanh_table[__usat(__qsub(as.bits, TANH_WHOLE_BITS), 8)];
     float d = x - (sum - TANH_MIDDLE);
     float dt = d * t;
     float dg = d - dt * t;

@@ -64,10 +64,11 @@ impl Ramp {
         Self(rising.filter(|s| s.truth.force[2] > Some(0.5)).collect())
     }
 
-    /// Returns the scan with a force nearest to this one.
-    fn at(&self, force: f64) -> &Sample {
+    /// Returns a scan with a force within 2 mN of this one, another one in each of 16 turns: a scan
+    /// that repeats is a fault.
+    fn at(&self, force: f64, turn: usize) -> &Sample {
         let above = self.0.partition_point(|sample| sample.truth.force[2] < Some(force));
-        &self.0[above.min(self.0.len() - 1)]
+        &self.0[(above + turn % 16).saturating_sub(8).min(self.0.len() - 1)]
     }
 
     /// Amplitude ratio of the finger's f_z to a sine of force.
@@ -76,7 +77,7 @@ impl Ramp {
     fn gain(&self, record: &Calibration, with: With, hz: f64) -> f64 {
         let phase = |i: usize| std::f64::consts::TAU * hz * i as f64 / f64::from(RATE);
         let sine = (0..RATE as usize / 2).map(|i| {
-            let mut sample = *self.at(MIDDLE + SWING * phase(i).sin());
+            let mut sample = *self.at(MIDDLE + SWING * phase(i).sin(), i);
             sample.scan.time = Micros((1e6 * i as f64 / f64::from(RATE)) as u64);
             sample
         });
