@@ -411,7 +411,7 @@ mod tests {
     #[test]
     fn rest_after_flickering_light_is_no_fault() {
         let flicker = |i: u32| {
-            let on = i / 20_000 % 2 == 0;
+            let on = (i / 20_000).is_multiple_of(2);
             if on { 30.0 * (i as f32 * 0.628).sin() } else { 0.0 }
         };
         for noise in [0.5, 1.0, 1.4] {
