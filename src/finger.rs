@@ -96,15 +96,13 @@ impl Doubt {
 /// Microseconds for which a change of the faulty channels leaves slip in doubt.
 const DOUBTED_US: u32 = 50_000;
 
-/// Faults of a scan that disturb slip. A single clipped taxel does not: its signal does not jump.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Faults {
-    dead: u16,
-    bridges: u8,
-    noisy: u8,
-    /// Light clips half of the taxels or more.
-    flooded: bool,
-}
+/// Faults of a scan that disturb slip: dead taxels in the lower half, then four bits of faulty
+/// bridges, four of noisy sensors, and [`FLOODED`]. A single clipped taxel does not: its signal does
+/// not jump.
+type Faults = u32;
+
+/// Bit of strong light, which clips half of the taxels or more.
+const FLOODED: Faults = 1 << 24;
 
 /// All estimates of one scan.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -248,15 +246,19 @@ impl FingerState {
         }
     }
 
-    /// Begins to doubt slip, and drops what it remembers; or prolongs the doubt.
+    /// Begins to doubt slip, and drops what it remembers; or goes on to doubt it.
     #[cold]
     #[inline(never)]
-    fn faults_changed(&mut self, faults: Faults) {
+    fn doubt_slip(&mut self, faults: Faults, passed: u32) {
+        self.doubt.left = self.doubt.left.saturating_sub(passed);
         let before = core::mem::replace(&mut self.faults, faults);
+        if faults == before {
+            return;
+        }
         if self.doubt.left == 0 {
             self.grip.release();
         }
-        self.doubt = Doubt { left: DOUBTED_US, flooded: before.flooded || faults.flooded };
+        self.doubt = Doubt { left: DOUBTED_US, flooded: (before | faults) & FLOODED != 0 };
     }
 }
 
@@ -405,10 +407,11 @@ impl Finger {
         // vibration lies above any filter's corner.
         let record = self.calibration.as_ref();
         let Health { dead, bridge_faults: bridges, .. } = signals.health;
-        let faults = Faults { dead, bridges, noisy, flooded };
-        state.doubt.left = state.doubt.left.saturating_sub(passed);
-        if faults != state.faults {
-            state.faults_changed(faults);
+        let strong = if flooded { FLOODED } else { 0 };
+        let faults =
+            Faults::from(dead) | Faults::from(bridges) << 16 | Faults::from(noisy) << 20 | strong;
+        if faults != state.faults || state.doubt.left > 0 {
+            state.doubt_slip(faults, passed);
         }
         let slip = state.grip.listen(record, scan.time, signals);
         let sound = state.doubt.withhold(slip);

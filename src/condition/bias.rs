@@ -84,10 +84,15 @@ impl Bias {
         {
             return true;
         }
-        let sensors = signals.bridges.iter().zip(&self.bridges).enumerate();
-        sensors.filter(|(i, _)| bridge_faults >> i & 1 == 0).any(|(_, (signal, bias))| {
-            signal.as_ref().zip(bias.as_ref()).is_some_and(|(u, b)| exceeds(u, 0, b.noise, factor2))
-        })
+        for (i, sensor) in signals.bridges.iter().zip(&self.bridges).enumerate() {
+            if let (Some(u), Some(bias)) = sensor
+                && exceeds(u, 0, bias.noise, factor2)
+                && bridge_faults >> i & 1 == 0
+            {
+                return true;
+            }
+        }
+        false
     }
 }
 
@@ -100,15 +105,15 @@ fn exceeds(signals: &[f32], skip: u16, noise: f32, factor2: f32) -> bool {
         squares = signals.iter().fold(squares, |sum, signal| sum + signal * signal);
     } else {
         count = 0.0;
-        for (k, signal) in signals.iter().enumerate() {
-            if skip >> k & 1 == 0 {
-                squares += signal * signal;
-                count += 1.0;
-            }
+        let mut left = !skip;
+        while let Some(signal) = signals.get(left.trailing_zeros() as usize) {
+            squares += signal * signal;
+            count += 1.0;
+            left &= left - 1;
         }
     }
-    let noise2 = count * noise * noise;
-    noise2 > 0.0 && squares > factor2 * noise2
+    // Both sides times the noise: without any, neither is more.
+    squares * noise > factor2 * count * noise * noise * noise
 }
 
 /// Averages scans into a [`Bias`] and checks that they hold still.

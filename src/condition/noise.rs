@@ -40,13 +40,12 @@ impl NoiseWatch {
     /// Processes one scan and returns the noisy sensors, a bit each.
     pub fn update(&mut self, signals: &Signals, bias: &Bias) -> u8 {
         let i = usize::from(self.sensor);
-        let signal = signals.bridges.get(i).copied().flatten();
-        let noise = bias.bridges.get(i).copied().flatten().map(|bias| bias.noise);
-        let (Some(signal), Some(noise)) = (signal, noise) else {
+        let (Some(Some(signal)), Some(Some(bias))) = (signals.bridges.get(i), bias.bridges.get(i))
+        else {
             self.next(false);
             return self.noisy;
         };
-        for (last, u) in self.last.iter_mut().zip(signal) {
+        for (last, u) in self.last.iter_mut().zip(*signal) {
             // Each difference is the previous one minus its last value.
             let fourth = last.iter_mut().fold(u, |now, last| now - core::mem::replace(last, now));
             self.sum += fourth * fourth;
@@ -56,7 +55,7 @@ impl NoiseWatch {
             self.sum = 0.0;
         } else if self.seen % BLOCK == FILL {
             let values = 3.0 * f32::from(BLOCK);
-            self.loud += u8::from(self.sum > LOUD * GAIN * values * noise * noise);
+            self.loud += u8::from(self.sum > LOUD * GAIN * values * bias.noise * bias.noise);
             self.sum = 0.0;
         }
         if self.seen == FILL + BLOCK * BLOCKS {

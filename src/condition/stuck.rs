@@ -7,18 +7,18 @@
 //! it repeats three times as often as any did earlier. Codes without noise that begin at rest, as
 //! those of some recordings, repeat so often that they are not judged.
 //!
-//! Three limits: a sound channel with less than half a code of noise may be called stuck for a while
+//! Four limits: a sound channel with less than half a code of noise may be called stuck for a while
 //! when a movement or flickering light ends; a loose wire that sticks often, each time too briefly
-//! to be judged, teaches more and more patience; and a scan that is frozen from the start is not
-//! found.
+//! to be judged, teaches more and more patience; a scan that is frozen from the start is not found;
+//! and one of a finger without sensors may be found four scans late.
 
 use core::ops::RangeInclusive;
 
-use crate::scan::{COLS, Codes, Midpoints, ROWS, SENSORS, TaxelCodes};
+use crate::scan::{COLS, Codes, Midpoints, ROWS, SENSORS};
 use crate::units::Code;
 
-/// Four channels that are visited together: a row of taxels, or a sensor.
-type Group = [Code; COLS];
+/// Codes of four channels that are visited together, two in a word: a row of taxels, or a sensor.
+type Group = [u32; 2];
 const GROUPS: usize = ROWS + SENSORS;
 /// Mask of a group's channels.
 const ALL: u32 = (1 << COLS) - 1;
@@ -30,35 +30,46 @@ const TAXELS: u32 = 0xffff;
 /// With a noise of one code a channel in the middle of its code rests for the least in one of 10¹⁰
 /// visits, even if movement hid its noise before. With a quarter of a code it moves in one of 22
 /// scans, and rests for the most in one of 10¹⁰.
-const JUDGED: RangeInclusive<u16> = 24..=512;
+const JUDGED: RangeInclusive<u32> = 24..=512;
 /// Comparisons beyond three times the longest rest.
-const MARGIN: u16 = 4;
+const MARGIN: u32 = 4;
 /// Equal scans in a row that show codes without noise.
-const NO_NOISE: u16 = 16;
-/// Rounds of visits in a lesson on how long channels rest.
-const LESSON: u8 = 128;
+const NO_NOISE: u32 = 16;
+/// Comparisons of a short visit, from which there is nothing to learn.
+const SHORT: u32 = 6;
+/// Mix while the visited group does not rest.
+const NO_MIX: u32 = 0;
+/// Multiplier of the mix of codes: odd, with bits all over a word.
+const MULTIPLIER: u32 = 0x9e37_79b1;
+/// Visits in a lesson on how long channels rest.
+const LESSON: u32 = 128 * GROUPS as u32;
 
 /// State of the detector. One group is visited at a time, until all of its channels have moved.
 #[derive(Clone, Debug, Default)]
 pub struct StuckWatch {
-    /// Lit codes of the first row and dark codes of the last scan. No others are kept, because they
-    /// show as well as all whether a scan repeats.
-    last: [Group; 2],
-    /// Repetitions of the last scan, and one more than in the longest runs of them.
-    repeats: u16,
-    repeated: Longest,
-    group: u8,
-    /// Codes at the start of the visit, comparisons since then, and the channels that have moved.
-    first: Option<Group>,
-    compared: u16,
-    seen: u32,
-    /// Comparisons of the longest visits of each group.
+    /// Visits before this one; each lesson begins with those of the first round. The lowest bits
+    /// are the visited group.
+    visits: u32,
+    /// Comparisons of this visit until the next that takes longer than usual, and their number by
+    /// then. There are none left before a visit.
+    left: u32,
+    until: u32,
+    /// Codes of the group in the last scan, and bits that have changed in the visit.
+    last: Group,
+    changed: Group,
+    /// Rests in the longest visits of each group beyond [`SHORT`] ones.
     longest: [Longest; GROUPS],
-    /// Rounds of this lesson.
-    rounds: u8,
-    /// Bits of all channels, taxels first: those compared and moved in the latest visit of their
-    /// group, and those that are stuck.
-    present: u32,
+    /// Mix of all codes of the last scan, if the group rested in it, or [`NO_MIX`].
+    mix: u32,
+    /// Repetitions of the last scan: those of which only the group shows that they may be some, and
+    /// others. One more than in the longest runs of them, none if there were none.
+    likely: u32,
+    repeats: u32,
+    repeated: Longest,
+    /// Whether a lesson has ended.
+    taught: bool,
+    /// Bits of all channels, taxels first: those that moved in the latest visit of their group, and
+    /// those of the others that are stuck.
     moved: u32,
     stuck: u32,
 }
@@ -75,54 +86,24 @@ pub struct Stuck {
 impl StuckWatch {
     /// Processes one scan and returns the stuck channels: all, if the scan is frozen. Codes of a
     /// `flooded` matrix, whose taxels clip, have no noise.
+    ///
+    /// Whatever is rare is done in functions of its own, so that a usual scan takes little time.
     pub fn update(&mut self, codes: &Codes, flooded: bool) -> Stuck {
-        if let Some(TaxelCodes { lit: [row, ..], dark }) = &codes.taxels {
-            if *row == self.last[0] && *dark == self.last[1] {
-                // Channels are not compared: their rest would tell nothing new.
-                return self.again(flooded);
+        match read(codes, self.group()) {
+            Some(now) if self.left == 0 => self.begin(now),
+            Some(now) => {
+                if self.visit(now, codes, flooded) {
+                    return stuck(present(codes));
+                }
             }
-            self.last = [*row, *dark];
+            // The finger does not have it.
+            None => self.end(ALL, 0, codes),
         }
-        if self.repeats > 0 {
-            self.ended();
-        }
-        if let Some(now) = read(codes, self.group()) {
-            self.visit(&now, codes.full_scale.clipped().0 - 1);
-        } else {
-            self.keep(0, 0);
-            self.stuck &= self.present;
-            self.next();
-        }
-        stuck(self.stuck)
-    }
-
-    /// Processes a scan that equals the last one.
-    #[cold]
-    #[inline(never)]
-    fn again(&mut self, flooded: bool) -> Stuck {
-        if !flooded {
-            self.repeats = self.repeats.saturating_add(1);
-        }
-        stuck(if self.is_frozen() { self.present } else { self.stuck })
-    }
-
-    /// Learns from a run of equal scans that has ended, unless it was a fault.
-    #[cold]
-    #[inline(never)]
-    fn ended(&mut self) {
-        if !self.is_frozen() {
-            self.repeated.learn(self.repeats.saturating_add(1));
-        }
-        self.repeats = 0;
-    }
-
-    fn is_frozen(&self) -> bool {
-        let longest = self.repeated.known().filter(|longest| *longest < NO_NOISE);
-        longest.is_some_and(|longest| self.repeats >= 3 * longest)
+        if self.stuck == 0 { Stuck::default() } else { stuck(self.stuck) }
     }
 
     fn group(&self) -> usize {
-        usize::from(self.group)
+        self.visits as usize % GROUPS
     }
 
     /// Number of the group's first channel.
@@ -130,110 +111,190 @@ impl StuckWatch {
         COLS * self.group()
     }
 
-    /// Compares the channels of the group with those at the start of its visit. `highest` is the
-    /// highest code below the upper rail.
-    fn visit(&mut self, now: &Group, highest: u16) {
-        let Some(first) = &self.first else {
-            self.first = Some(*now);
-            return;
-        };
-        let mut seen = self.seen;
-        for (i, (Code(now), Code(first))) in now.iter().zip(first).enumerate() {
-            // A code at a rail may rest there, because other flags report it.
-            if now != first || now.wrapping_sub(1) >= highest {
-                seen |= 1 << i;
+    /// Begins a visit.
+    fn begin(&mut self, now: Group) {
+        let usual = SHORT + self.longest.get(self.group()).map_or(0, |longest| longest.now.into());
+        (self.left, self.until) = (usual + 1, usual + 1);
+        (self.last, self.changed) = (now, [0; 2]);
+    }
+
+    /// Compares the channels of the group with their last codes. Returns true if the scan is frozen.
+    fn visit(&mut self, now: Group, codes: &Codes, flooded: bool) -> bool {
+        let [one, other] = core::mem::replace(&mut self.last, now);
+        let new = [now[0] ^ one, now[1] ^ other];
+        self.changed[0] |= new[0];
+        self.changed[1] |= new[1];
+        self.left -= 1;
+        let rests = new[0] | new[1] == 0;
+        if rests || self.left == 0 {
+            return self.visit_slowly(rests, codes, flooded);
+        }
+        if self.changed.iter().all(|two| two << 16 != 0 && two >> 16 != 0) {
+            if self.moved == u32::MAX {
+                self.next();
+            } else {
+                self.end(ALL, 0, codes);
             }
         }
-        self.seen = seen;
-        self.compared += 1;
-        let rested = ALL & !(seen | self.stuck >> self.shift()) != 0;
-        if rested && (self.compared < *JUDGED.start() || self.compared < self.most()) {
-            return;
+        false
+    }
+
+    /// The rare rest of a visit: of a group whose channels rest as a whole, or for longer than
+    /// usual.
+    #[cold]
+    #[inline(never)]
+    fn visit_slowly(&mut self, rests: bool, codes: &Codes, flooded: bool) -> bool {
+        let compared = self.until - self.left;
+        // The next comparison is like this one.
+        (self.left, self.until) = (1, compared + 1);
+        let mix = if rests && !flooded { mixed(codes) } else { NO_MIX };
+        if mix != NO_MIX && mix == self.mix {
+            // The rest of channels tells nothing new.
+            self.until = compared;
+            self.repeats = (self.repeats + 1).min(*JUDGED.end());
+            return self.is_frozen();
         }
-        self.keep(ALL, seen);
-        self.judge(rested);
-        self.next();
+        self.ended();
+        self.mix = mix;
+        // The visit's first scan may have repeated the one before it.
+        self.likely = if compared == 1 { 2 } else { 1 };
+        let (clipped, mut moved) = (codes.full_scale.clipped().0, 0);
+        for i in 0..COLS {
+            let code =
+                |[one, other]: Group| (if i < 2 { one } else { other } >> (i % 2 * 16)) as u16;
+            let last = code(self.last);
+            // A code at a rail may rest there, because other flags report it.
+            let moves = code(self.changed) != 0 || last == 0 || last >= clipped;
+            moved |= u32::from(moves) << i;
+        }
+        let rested = ALL & !(moved | self.stuck >> self.shift()) != 0;
+        if rested && (compared < *JUDGED.start() || compared < self.most()) {
+            return false;
+        }
+        self.end(moved, compared, codes);
+        false
+    }
+
+    /// Learns from a run of repetitions that has ended, unless it was a fault.
+    fn ended(&mut self) {
+        if self.repeats > 0 && !self.is_frozen() {
+            self.repeated.learn(self.likely + self.repeats + 1);
+        }
+        (self.mix, self.repeats) = (NO_MIX, 0);
+    }
+
+    fn is_frozen(&self) -> bool {
+        let longest = self.repeated.of_all().max(1);
+        let judged = self.taught && longest < NO_NOISE;
+        judged && self.repeats + self.likely >= 3 * longest
     }
 
     /// Returns the comparisons after which a channel at rest is judged.
-    fn most(&self) -> u16 {
+    fn most(&self) -> u32 {
         let (least, most) = (*JUDGED.start(), *JUDGED.end());
+        if self.visits < GROUPS as u32 {
+            // It is not known yet whether most move.
+            return least;
+        }
+        let longest = self.longest.get(self.group()).copied().unwrap_or_default().of_all();
         // Without noise, a movement that ends lets channels rest one by one.
-        let noise = self.repeated.before.max(self.repeated.now) < NO_NOISE;
-        let longest = self.longest.get(self.group()).filter(|_| noise);
-        let longest = longest.and_then(|longest| longest.known());
-        longest.map_or(most, |longest| (3 * longest + MARGIN).clamp(least, most))
+        let judged = self.taught && self.repeated.of_all() < NO_NOISE;
+        if judged { (3 * (SHORT + longest) + MARGIN).clamp(least, most) } else { most }
     }
 
-    /// Keeps the result of the visit.
-    fn keep(&mut self, present: u32, moved: u32) {
-        let (shift, others) = (self.shift(), !(ALL << self.shift()));
-        self.present = self.present & others | present << shift;
-        self.moved = self.moved & others | moved << shift;
-    }
-
-    /// Judges the channels of the visited group, some of which may have `rested` all the time. If
-    /// fewer than three quarters of the sound ones of their kind moved, it only clears those that
-    /// did.
-    fn judge(&mut self, rested: bool) {
-        let (group, shift) = (self.group(), self.shift());
-        let most_moved = !rested || {
-            let kind = if group < ROWS { TAXELS } else { !TAXELS } & !self.stuck;
-            4 * (self.moved & kind).count_ones() >= 3 * (self.present & kind).count_ones()
-        };
-        let Some(longest) = self.longest.get_mut(group) else { return };
-        let mut rest = self.compared;
-        if rested && most_moved {
-            self.stuck |= ALL << shift;
+    /// Ends a visit in which these channels `moved`. If three quarters of the sound ones of their
+    /// kind did, the others are stuck.
+    #[cold]
+    #[inline(never)]
+    fn end(&mut self, moved: u32, compared: u32, codes: &Codes) {
+        let (group, all) = (self.group(), ALL << self.shift());
+        self.moved = self.moved & !all | moved << self.shift();
+        let rested = all & !(self.moved | self.stuck);
+        self.stuck &= !self.moved;
+        let most_moved = rested == 0
+            || self.visits >= GROUPS as u32 && {
+                let kind = if group < ROWS { TAXELS } else { !TAXELS };
+                let kind = kind & present(codes) & !self.stuck;
+                4 * (self.moved & kind).count_ones() >= 3 * kind.count_ones()
+            };
+        let mut rest = compared;
+        if rested != 0 && most_moved {
+            self.stuck |= rested;
             // It may have been none.
             rest /= 2;
         }
-        self.stuck &= !self.moved;
         // A rest of all channels tells nothing of their noise.
-        if most_moved || longest.known().is_none() {
-            longest.learn(rest);
+        if (most_moved || !self.taught)
+            && let Some(longest) = self.longest.get_mut(group)
+        {
+            longest.learn(rest.saturating_sub(SHORT));
         }
+        self.next();
     }
 
     fn next(&mut self) {
-        self.group += 1;
-        (self.first, self.compared, self.seen) = (None, 0, 0);
-        if self.group() < GROUPS {
-            return;
+        self.left = 0;
+        self.visits += 1;
+        if self.visits == LESSON + GROUPS as u32 {
+            self.turn();
         }
-        self.group = 0;
-        self.rounds += 1;
-        if self.rounds == LESSON {
-            self.rounds = 0;
-            self.repeated.learn(1);
-            self.repeated.turn();
-            self.longest.iter_mut().for_each(Longest::turn);
-        }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn turn(&mut self) {
+        self.visits = GROUPS as u32;
+        self.taught = true;
+        self.repeated.turn();
+        self.longest.iter_mut().for_each(Longest::turn);
     }
 }
 
-fn read(codes: &Codes, group: usize) -> Option<Group> {
-    if group < ROWS {
-        return codes.taxels.as_ref()?.lit.get(group).copied();
+/// Mixes the codes of all channels, so that equal mixes show equal scans.
+fn mixed(codes: &Codes) -> u32 {
+    let mut mixed = 0u32;
+    for group in 0..GROUPS {
+        for two in read(codes, group).unwrap_or_default() {
+            mixed = mixed.wrapping_mul(MULTIPLIER) ^ two;
+        }
     }
-    let Midpoints { a, b, c, d } = codes.bridges.get(group - ROWS).copied().flatten()?;
-    Some([a, b, c, d])
+    mixed
+}
+
+#[inline(always)]
+fn read(codes: &Codes, group: usize) -> Option<Group> {
+    let two = |low: Code, high: Code| u32::from(low.0) | u32::from(high.0) << 16;
+    Some(match group.checked_sub(ROWS) {
+        None => {
+            let [a, b, c, d] = codes.taxels.as_ref()?.lit.get(group)?;
+            [two(*a, *b), two(*c, *d)]
+        }
+        Some(sensor) => {
+            let Midpoints { a, b, c, d } = codes.bridges.get(sensor)?.as_ref()?;
+            [two(*a, *b), two(*c, *d)]
+        }
+    })
+}
+
+/// Returns the bits of the channels that a finger has.
+fn present(codes: &Codes) -> u32 {
+    let rows = if codes.taxels.is_some() { TAXELS } else { 0 };
+    let sensors = codes.bridges.iter().enumerate().filter(|(_, sensor)| sensor.is_some());
+    sensors.fold(rows, |present, (i, _)| present | ALL << (COLS * (ROWS + i)))
 }
 
 /// Returns the channels with these bits.
+#[cold]
+#[inline(never)]
 fn stuck(bits: u32) -> Stuck {
-    if bits == 0 {
-        return Stuck::default();
-    }
-    let [low, high, midpoints @ ..] = bits.to_le_bytes();
-    let mut bridges = 0;
-    for (i, midpoints) in midpoints.iter().flat_map(|two| [two & 15, two >> 4]).enumerate() {
-        bridges |= u8::from(midpoints != 0) << i;
-    }
-    Stuck { taxels: u16::from_le_bytes([low, high]), bridges }
+    // The lowest bit of each four, then these side by side.
+    let two = bits >> 16 | bits >> 17;
+    let four = (two | two >> 2) & 0x1111;
+    let bridges = (four | four >> 3 | four >> 6 | four >> 9) & 0b1111;
+    Stuck { taxels: bits as u16, bridges: bridges as u8 }
 }
 
-/// Longest rests before this lesson, and in it. Zero stands for none yet.
+/// Longest rests before this lesson, and in it.
 #[derive(Clone, Copy, Debug, Default)]
 struct Longest {
     before: u16,
@@ -241,13 +302,12 @@ struct Longest {
 }
 
 impl Longest {
-    /// Returns the longest rest, once a lesson has ended.
-    fn known(self) -> Option<u16> {
-        (self.before != 0).then(|| self.before.max(self.now))
+    fn of_all(self) -> u32 {
+        self.before.max(self.now).into()
     }
 
-    fn learn(&mut self, rest: u16) {
-        self.now = self.now.max(rest);
+    fn learn(&mut self, rest: u32) {
+        self.now = self.now.max(rest as u16);
     }
 
     /// Ends a lesson. Longer rests of earlier ones are forgotten by halves.
@@ -260,7 +320,7 @@ impl Longest {
 mod tests {
     use super::*;
     use crate::condition::random::noise;
-    use crate::scan::TAXELS;
+    use crate::scan::{TAXELS, TaxelCodes};
     use crate::units::FullScale;
 
     const CHANNELS: usize = TAXELS + COLS * SENSORS;

@@ -208,11 +208,11 @@ impl Vibration {
     #[inline(never)]
     fn listen_in_turn(&self, state: &mut VibrationState) {
         let (warm, was) = (state.samples >= self.warm_up, state.vibrates);
-        let next = CHANNELS.saturating_sub(state.pending);
-        for channel in state.channels.iter_mut().skip(next).take(self.at_once) {
+        for _ in 0..self.at_once.min(state.pending) {
+            state.pending -= 1;
+            let Some(channel) = state.channels.get_mut(state.pending) else { break };
             state.loud |= self.listen(channel, warm, was);
         }
-        state.pending = state.pending.saturating_sub(self.at_once);
         if state.pending == 0 {
             state.samples = state.samples.saturating_add(1);
             state.vibrates = warm && state.loud;

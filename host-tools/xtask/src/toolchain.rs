@@ -35,7 +35,9 @@ fn short_paths() -> Option<Vec<String>> {
     }
     let registries = cargo_home()?.join("registry/src");
     let registries = std::fs::read_dir(registries).into_iter().flatten().flatten();
-    let roots = std::iter::once(root()).chain(registries.map(|entry| entry.path()));
+    let generated = root().join("boards/target").join(TARGET).join("release/build");
+    // The last that fits counts.
+    let roots = [root(), generated].into_iter().chain(registries.map(|entry| entry.path()));
     let remap = roots.map(|path| format!("--remap-path-prefix={}/=", path.display()));
     Some(std::iter::once("--remap-path-scope=macro".to_owned()).chain(remap).collect())
 }
