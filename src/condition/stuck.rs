@@ -7,10 +7,11 @@
 //! it repeats three times as often as any did earlier. Codes without noise that begin at rest, as
 //! those of some recordings, repeat so often that they are not judged.
 //!
-//! Four limits: a sound channel with less than half a code of noise may be called stuck for a while
+//! Five limits: a sound channel with less than half a code of noise may be called stuck for a while
 //! when a movement or flickering light ends; a loose wire that sticks often, each time too briefly
 //! to be judged, teaches more and more patience; a scan that is frozen from the start is not found;
-//! and one of a finger without sensors may be found four scans late.
+//! one of a finger without sensors may be found four scans late; and with half a code of noise and
+//! few channels a sound scan that happens to repeat may be taken for frozen.
 
 use core::ops::RangeInclusive;
 
@@ -35,7 +36,8 @@ const JUDGED: RangeInclusive<u32> = 24..=512;
 const MARGIN: u32 = 4;
 /// Equal scans in a row that show codes without noise.
 const NO_NOISE: u32 = 16;
-/// Comparisons of a short visit, from which there is nothing to learn.
+/// Comparisons of a short visit. It teaches nothing, nor does one comparison more, the first after
+/// which a channel at a rail is noticed.
 const SHORT: u32 = 6;
 /// Mix while the visited group does not rest.
 const NO_MIX: u32 = 0;
@@ -47,8 +49,8 @@ const LESSON: u32 = 128 * GROUPS as u32;
 /// State of the detector. One group is visited at a time, until all of its channels have moved.
 #[derive(Clone, Debug, Default)]
 pub struct StuckWatch {
-    /// Visits before this one; each lesson begins with those of the first round. The lowest bits
-    /// are the visited group.
+    /// Visits before this one; a later lesson counts on from [`GROUPS`], because only the first round
+    /// differs. The lowest bits are the visited group.
     visits: u32,
     /// Comparisons of this visit until the next that takes longer than usual, and their number by
     /// then. There are none left before a visit.
@@ -57,7 +59,7 @@ pub struct StuckWatch {
     /// Codes of the group in the last scan, and bits that have changed in the visit.
     last: Group,
     changed: Group,
-    /// Rests in the longest visits of each group beyond [`SHORT`] ones.
+    /// Rests in the longest visits of each group, beyond [`SHORT`] + 1.
     longest: [Longest; GROUPS],
     /// Mix of all codes of the last scan, if the group rested in it, or [`NO_MIX`].
     mix: u32,
@@ -65,11 +67,12 @@ pub struct StuckWatch {
     /// others. One more than in the longest runs of them, none if there were none.
     likely: u32,
     repeats: u32,
+    /// One more than in the longest runs of repetitions.
     repeated: Longest,
     /// Whether a lesson has ended.
     taught: bool,
-    /// Bits of all channels, taxels first: those that moved in the latest visit of their group, and
-    /// those of the others that are stuck.
+    /// Bits of all channels, taxels first: those that moved in the latest visit of their group, lie at
+    /// a rail or do not exist; and those of the others that are stuck.
     moved: u32,
     stuck: u32,
 }
@@ -113,7 +116,9 @@ impl StuckWatch {
 
     /// Begins a visit.
     fn begin(&mut self, now: Group) {
-        let usual = SHORT + self.longest.get(self.group()).map_or(0, |longest| longest.now.into());
+        let longest = self.longest.get(self.group()).map_or(0, |longest| longest.now.into());
+        // Channels that are stuck do not move: there is nothing to wait for.
+        let usual = if self.stuck != 0 { 0 } else { SHORT + longest };
         (self.left, self.until) = (usual + 1, usual + 1);
         (self.last, self.changed) = (now, [0; 2]);
     }
@@ -227,7 +232,7 @@ impl StuckWatch {
         if (most_moved || !self.taught)
             && let Some(longest) = self.longest.get_mut(group)
         {
-            longest.learn(rest.saturating_sub(SHORT));
+            longest.learn(rest.saturating_sub(SHORT + 1));
         }
         self.next();
     }
@@ -250,7 +255,7 @@ impl StuckWatch {
     }
 }
 
-/// Mixes the codes of all channels, so that equal mixes show equal scans.
+/// Mixes the lit codes and midpoints, so that equal mixes show equal scans.
 fn mixed(codes: &Codes) -> u32 {
     let mut mixed = 0u32;
     for group in 0..GROUPS {
@@ -532,6 +537,23 @@ mod tests {
         assert_eq!(finger.flagged(100_000, |_| 0.0), 0);
         finger.hold(5);
         assert!(finger.until(stuck(5)) <= 60);
+    }
+
+    #[test]
+    fn channel_at_a_rail_or_stuck_does_not_hide_its_neighbours() {
+        for code in [0, 9_600, 8 * 4095] {
+            let mut finger = sound();
+            finger.held[6] = Some(Code(code));
+            (0..40_000).for_each(|_| _ = finger.next(0.0, 0.0));
+            let known = finger.next(0.0, 0.0).taxels;
+            for neighbour in [5, 9] {
+                finger.hold(neighbour);
+                let both = Stuck { taxels: known | 1 << neighbour, bridges: 0 };
+                assert!(finger.until(both) <= 60, "{code}: {neighbour}");
+                finger.held[neighbour] = None;
+                finger.until(Stuck { taxels: known, bridges: 0 });
+            }
+        }
     }
 
     #[test]

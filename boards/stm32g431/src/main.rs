@@ -152,7 +152,7 @@ async fn session(
 #[exception]
 unsafe fn NonMaskableInt() {
     if !pac::FLASH.eccr().read().eccd() {
-        panic!("NMI, and not of the flash");
+        panic!("NMI, not of flash");
     }
     pac::FLASH.eccr().modify(|eccr| eccr.set_eccd(true));
 }

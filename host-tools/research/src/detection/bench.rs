@@ -30,10 +30,11 @@ const TOUCHES: [[f64; 5]; 4] = [
     [1.9, 1.2, 0.3, -0.1, 1.0],
     [-0.3, -1.7, -0.2, -0.2, 1.0],
 ];
-/// Time of the touch, of its rise and of its end in seconds.
-const TOUCH_S: f64 = 0.3;
+/// Time of the touch, of its rise and of its end in seconds. Until the touch the finger learns how
+/// long its channels rest, as one in use has.
+const TOUCH_S: f64 = 2.0;
 const RISE_S: f64 = 0.05;
-const END_S: f64 = 1.1;
+const END_S: f64 = 2.8;
 /// Scans that are judged from the fault on: 0.45 s.
 const JUDGED: usize = 1800;
 /// Wanted of each scan: the default fields, in a frame of its own.
