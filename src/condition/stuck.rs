@@ -15,6 +15,7 @@
 
 use core::ops::RangeInclusive;
 
+use crate::math::ones;
 use crate::scan::{COLS, Codes, Midpoints, ROWS, SENSORS};
 use crate::units::Code;
 
@@ -39,10 +40,6 @@ const NO_NOISE: u32 = 16;
 /// Comparisons of a short visit. It teaches nothing, nor does one comparison more, the first after
 /// which a channel at a rail is noticed.
 const SHORT: u32 = 6;
-/// Mix while the visited group does not rest.
-const NO_MIX: u32 = 0;
-/// Multiplier of the mix of codes: odd, with bits all over a word.
-const MULTIPLIER: u32 = 0x9e37_79b1;
 /// Visits in a lesson on how long channels rest.
 const LESSON: u32 = 128 * GROUPS as u32;
 
@@ -61,11 +58,10 @@ pub struct StuckWatch {
     changed: Group,
     /// Rests in the longest visits of each group, beyond [`SHORT`] + 1.
     longest: [Longest; GROUPS],
-    /// Mix of all codes of the last scan, if the group rested in it, or [`NO_MIX`].
+    /// Mix of other codes in the last scan in which the group rested, and its number in the visit.
     mix: u32,
-    /// Repetitions of the last scan: those of which only the group shows that they may be some, and
-    /// others. One more than in the longest runs of them, none if there were none.
-    likely: u32,
+    rested_at: u32,
+    /// Repetitions of that scan.
     repeats: u32,
     /// One more than in the longest runs of repetitions.
     repeated: Longest,
@@ -150,19 +146,24 @@ impl StuckWatch {
     #[inline(never)]
     fn visit_slowly(&mut self, rests: bool, codes: &Codes, flooded: bool) -> bool {
         let compared = self.until - self.left;
-        // The next comparison is like this one.
-        (self.left, self.until) = (1, compared + 1);
-        let mix = if rests && !flooded { mixed(codes) } else { NO_MIX };
-        if mix != NO_MIX && mix == self.mix {
-            // The rest of channels tells nothing new.
-            self.until = compared;
-            self.repeats = (self.repeats + 1).min(*JUDGED.end());
-            return self.is_frozen();
+        if self.left == 0 {
+            // The next comparison takes longer than usual, too.
+            (self.left, self.until) = (1, compared + 1);
         }
-        self.ended();
-        self.mix = mix;
-        // The visit's first scan may have repeated the one before it.
-        self.likely = if compared == 1 { 2 } else { 1 };
+        if rests && !flooded {
+            let mix = mixed(codes, self.group());
+            if mix == self.mix && compared == self.rested_at + 1 {
+                // The rest of channels tells nothing new.
+                self.left += 1;
+                self.repeats = (self.repeats + 1).min(*JUDGED.end());
+                return self.is_frozen();
+            }
+            self.ended();
+            (self.mix, self.rested_at) = (mix, compared);
+            if compared < *JUDGED.start() {
+                return false;
+            }
+        }
         let (clipped, mut moved) = (codes.full_scale.clipped().0, 0);
         for i in 0..COLS {
             let code =
@@ -183,15 +184,17 @@ impl StuckWatch {
     /// Learns from a run of repetitions that has ended, unless it was a fault.
     fn ended(&mut self) {
         if self.repeats > 0 && !self.is_frozen() {
-            self.repeated.learn(self.likely + self.repeats + 1);
+            self.repeated.learn(self.repeats + 2);
         }
-        (self.mix, self.repeats) = (NO_MIX, 0);
+        self.repeats = 0;
     }
 
+    #[inline(never)]
     fn is_frozen(&self) -> bool {
         let longest = self.repeated.of_all().max(1);
-        let judged = self.taught && longest < NO_NOISE;
-        judged && self.repeats + self.likely >= 3 * longest
+        // The group rested before the repetitions, and the visit's first scan may be one as well.
+        let likely = if self.rested_at == 1 { 2 } else { 1 };
+        self.taught && longest < NO_NOISE && self.repeats + likely >= 3 * longest
     }
 
     /// Returns the comparisons after which a channel at rest is judged.
@@ -220,7 +223,7 @@ impl StuckWatch {
             || self.visits >= GROUPS as u32 && {
                 let kind = if group < ROWS { TAXELS } else { !TAXELS };
                 let kind = kind & present(codes) & !self.stuck;
-                4 * (self.moved & kind).count_ones() >= 3 * kind.count_ones()
+                4 * ones(self.moved & kind) >= 3 * ones(kind)
             };
         let mut rest = compared;
         if rested != 0 && most_moved {
@@ -255,12 +258,13 @@ impl StuckWatch {
     }
 }
 
-/// Mixes the lit codes and midpoints, so that equal mixes show equal scans.
-fn mixed(codes: &Codes) -> u32 {
+/// Mixes the codes of two other groups, one of them of the other kind. With the visited one they
+/// show as well as all whether a scan repeats.
+fn mixed(codes: &Codes, group: usize) -> u32 {
     let mut mixed = 0u32;
-    for group in 0..GROUPS {
-        for two in read(codes, group).unwrap_or_default() {
-            mixed = mixed.wrapping_mul(MULTIPLIER) ^ two;
+    for other in [group ^ 1, group ^ ROWS] {
+        for two in read(codes, other).unwrap_or_default() {
+            mixed = mixed.rotate_left(7) ^ two;
         }
     }
     mixed
