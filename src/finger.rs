@@ -29,7 +29,6 @@ use crate::estimate::gate::{Gate, GateState, unmistakable};
 use crate::estimate::slip::{Slip, Verdict};
 use crate::estimate::{ContactPoint, Force, NormalContact, Uncertainty};
 use crate::frame::{Fields, FrameRef, Status};
-use crate::math::ones;
 use crate::measured::{Measured, NoValue};
 use crate::scan::{Codes, SENSORS, Scan, TAXELS};
 use crate::units::{Micros, NewtonMillimetres};
@@ -361,7 +360,7 @@ impl Finger {
         let passed = scan.time.since(state.time);
         state.time = scan.time;
         let saturated = signals.health.saturated;
-        let flooded = saturated != 0 && ones(saturated.into()) >= TAXELS as u32 / 2;
+        let flooded = saturated != 0 && saturated.count_ones() >= TAXELS as u32 / 2;
         let stuck = state.stuck.update(&scan.codes, flooded);
         signals.health.dead |= stuck.taxels;
         signals.health.bridge_faults |= stuck.bridges;

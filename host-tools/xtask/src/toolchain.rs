@@ -38,8 +38,25 @@ fn short_paths() -> Option<Vec<String>> {
     let generated = root().join("boards/target").join(TARGET).join("release/build");
     // The last that fits counts.
     let roots = [root(), generated].into_iter().chain(registries.map(|entry| entry.path()));
-    let remap = roots.map(|path| format!("--remap-path-prefix={}/=", path.display()));
-    Some(std::iter::once("--remap-path-scope=macro".to_owned()).chain(remap).collect())
+    let mut flags = vec!["--remap-path-scope=macro".to_owned()];
+    for root in roots {
+        flags.push(format!("--remap-path-prefix={}/=", root.display()));
+        for entry in std::fs::read_dir(&root).into_iter().flatten().flatten() {
+            let name = entry.file_name().to_string_lossy().into_owned();
+            let Some((name, _version)) = name.rsplit_once('-') else { continue };
+            // Of the crates with most paths.
+            let common = match name {
+                "stm32-metapac" => "src/chips",
+                "embassy-stm32" | "embassy-usb" => "src",
+                _ => continue,
+            };
+            flags.push(format!(
+                "--remap-path-prefix={}={name}",
+                entry.path().join(common).display()
+            ));
+        }
+    }
+    Some(flags)
 }
 
 /// Cargo's home folder, which holds the sources of crates.
