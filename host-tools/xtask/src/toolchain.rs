@@ -44,7 +44,7 @@ fn short_paths() -> Option<Vec<String>> {
         for entry in std::fs::read_dir(&root).into_iter().flatten().flatten() {
             let name = entry.file_name().to_string_lossy().into_owned();
             let Some((name, _version)) = name.rsplit_once('-') else { continue };
-            // Of the crates with most paths.
+            // Folders in which most paths begin.
             let common = match name {
                 "stm32-metapac" => "src/chips",
                 "embassy-stm32" | "embassy-usb" => "src",
