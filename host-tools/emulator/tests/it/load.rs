@@ -1,7 +1,7 @@
 //! Tests of the flashed images' load with wait states: the share of time that the core is awake.
 //!
-//! A default fit's record is in the finger, with every section. Each scene is the recorded run of
-//! its kind after a stretch without contact.
+//! A default fit's record is in the finger, without lag and drift (README). Each scene is the
+//! recorded run of its kind after a stretch without contact.
 
 use cycles::kinds::{KINDS, Kind};
 use scan_plan::settle;
