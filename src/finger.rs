@@ -344,9 +344,7 @@ impl Finger {
             let mut levels = Levels::at_reference(&scan.codes, warm, 1.0);
             let bias = advance_bias(state, &levels);
             let light = state.filters.drift.gain();
-            if let Some(taxels) = &mut levels.taxels {
-                taxels.iter_mut().for_each(|level| *level *= light);
-            }
+            levels.taxels.iter_mut().flatten().for_each(|level| *level *= light);
             *signals = state.bias.apply(&levels, healthy);
             if let Some((warmth, level)) = warm {
                 warmth.scale(signals, level);

@@ -78,12 +78,6 @@ pub fn cube_root(x: f32) -> f32 {
     root
 }
 
-/// Returns the number of ones. Inlined each use would take 40 bytes of flash.
-#[inline(never)]
-pub(crate) fn ones(bits: u32) -> u32 {
-    bits.count_ones()
-}
-
 /// Returns x^p as 2^(p·log₂ x); 0 for zero, negative and NaN x.
 ///
 /// The relative error is below 2e-5 for results between 1e-6 and 1e6. The result for a positive x

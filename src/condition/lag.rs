@@ -133,6 +133,7 @@ fn advance(before: bool, state: &mut [Smoothed], signals: &mut [f32], pace: Pace
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::condition::random::noise;
 
     const LAG: LagCompensation = LagCompensation { taxels: 4e-3, sensors: 3e-3 };
 
@@ -223,8 +224,7 @@ mod tests {
         let (mut before, mut after) = (0.0, 0.0);
         let mut random = 1u32;
         for _ in 0..20_000 {
-            random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            let x = f64::from(random >> 8) / f64::from(1 << 24) - 0.5;
+            let x = f64::from(noise(&mut random));
             let mut own = signals(x, 0.0);
             LAG.advance(&mut state, 1_000_000 / hz, &mut own);
             before += x * x;

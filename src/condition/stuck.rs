@@ -15,7 +15,6 @@
 
 use core::ops::RangeInclusive;
 
-use crate::math::ones;
 use crate::scan::{COLS, Codes, Midpoints, ROWS, SENSORS};
 use crate::units::Code;
 
@@ -82,6 +81,19 @@ pub struct Stuck {
     pub bridges: u8,
 }
 
+impl Stuck {
+    /// Returns the channels with these bits, as in [`StuckWatch::stuck`].
+    #[cold]
+    #[inline(never)]
+    fn of(bits: u32) -> Self {
+        // The lowest bit of each four, then these side by side.
+        let two = bits >> 16 | bits >> 17;
+        let four = (two | two >> 2) & 0x1111;
+        let bridges = (four | four >> 3 | four >> 6 | four >> 9) & 0b1111;
+        Self { taxels: bits as u16, bridges: bridges as u8 }
+    }
+}
+
 impl StuckWatch {
     /// Processes one scan and returns the stuck channels: all, if the scan is frozen. Codes of a
     /// `flooded` matrix, whose taxels clip, have no noise.
@@ -92,13 +104,13 @@ impl StuckWatch {
             Some(now) if self.left == 0 => self.begin(now),
             Some(now) => {
                 if self.visit(now, codes, flooded) {
-                    return stuck(present(codes));
+                    return Stuck::of(present(codes));
                 }
             }
             // The finger does not have it.
             None => self.end(ALL, 0, codes),
         }
-        if self.stuck == 0 { Stuck::default() } else { stuck(self.stuck) }
+        if self.stuck == 0 { Stuck::default() } else { Stuck::of(self.stuck) }
     }
 
     fn group(&self) -> usize {
@@ -158,7 +170,7 @@ impl StuckWatch {
                 self.repeats = (self.repeats + 1).min(*JUDGED.end());
                 return self.is_frozen();
             }
-            self.ended();
+            self.learn_repeats();
             (self.mix, self.rested_at) = (mix, compared);
             if compared < *JUDGED.start() {
                 return false;
@@ -174,7 +186,7 @@ impl StuckWatch {
             moved |= u32::from(moves) << i;
         }
         let rested = ALL & !(moved | self.stuck >> self.shift()) != 0;
-        if rested && (compared < *JUDGED.start() || compared < self.most()) {
+        if rested && compared < self.most() {
             return false;
         }
         self.end(moved, compared, codes);
@@ -182,13 +194,14 @@ impl StuckWatch {
     }
 
     /// Learns from a run of repetitions that has ended, unless it was a fault.
-    fn ended(&mut self) {
+    fn learn_repeats(&mut self) {
         if self.repeats > 0 && !self.is_frozen() {
             self.repeated.learn(self.repeats + 2);
         }
         self.repeats = 0;
     }
 
+    // Inlined each use would take 60 bytes of flash.
     #[inline(never)]
     fn is_frozen(&self) -> bool {
         let longest = self.repeated.of_all().max(1);
@@ -270,6 +283,7 @@ fn mixed(codes: &Codes, group: usize) -> u32 {
     mixed
 }
 
+/// Reads the codes of a group; `None` if the finger does not have it.
 #[inline(always)]
 fn read(codes: &Codes, group: usize) -> Option<Group> {
     let two = |low: Code, high: Code| u32::from(low.0) | u32::from(high.0) << 16;
@@ -292,15 +306,10 @@ fn present(codes: &Codes) -> u32 {
     sensors.fold(rows, |present, (i, _)| present | ALL << (COLS * (ROWS + i)))
 }
 
-/// Returns the channels with these bits.
-#[cold]
+/// Returns the number of ones. Inlined each use would take 40 bytes of flash.
 #[inline(never)]
-fn stuck(bits: u32) -> Stuck {
-    // The lowest bit of each four, then these side by side.
-    let two = bits >> 16 | bits >> 17;
-    let four = (two | two >> 2) & 0x1111;
-    let bridges = (four | four >> 3 | four >> 6 | four >> 9) & 0b1111;
-    Stuck { taxels: bits as u16, bridges: bridges as u8 }
+fn ones(bits: u32) -> u32 {
+    bits.count_ones()
 }
 
 /// Longest rests before this lesson, and in it.
@@ -490,7 +499,7 @@ mod tests {
     }
 
     #[test]
-    fn scan_is_frozen_at_its_third_repetition_until_the_next_other_one() {
+    fn third_repetition_freezes_scan_until_another_comes() {
         const ALL: Stuck = Stuck { taxels: u16::MAX, bridges: 0b1111 };
         let mut finger = sound();
         let frozen = finger.last;

@@ -122,7 +122,7 @@ fn force_known_by_array_runs_no_matrix() {
 }
 
 #[test]
-fn slip_is_withheld_for_50_ms_after_a_channel_failed_or_came_back() {
+fn channel_that_fails_or_returns_withholds_slip_for_50_ms() {
     let press = press(0.6, -0.4, [0.2, 1.0], 0.9);
     let fault = "[[fault]]\nat_s = 0.6\nuntil_s = 0.8\nkind = 'open-channel'\nchannel = 'r1c2'\n";
     let frames = estimates_of(record(), 1.5, &format!("{press}{fault}"), |_| Wanted::ALL);

@@ -11,7 +11,7 @@
 
 enum { TANH_LAST = 127, TANH_WHOLE_BITS = 0x49000000 };
 
-/* From 2^19 on, the lowest bits of a float count steps: adding this rounds to the nearest one. */
+/* Offset that rounds to the nearest step: from 2^19 on, the lowest bits of a float count steps. */
 #define TANH_MIDDLE (524288.0f + TANH_LAST / 16.0f)
 
 static float tanh_table[2 * TANH_LAST + 2];

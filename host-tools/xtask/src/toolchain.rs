@@ -1,6 +1,6 @@
 //! Compiler of the boards: rustc with the Cortex-M target that `.ci/setup boards` installs.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::run::{clean, root};
@@ -33,30 +33,32 @@ fn short_paths() -> Option<Vec<String>> {
     if !String::from_utf8_lossy(&help.stdout).contains("--remap-path-scope") {
         return None;
     }
-    let registries = cargo_home()?.join("registry/src");
-    let registries = std::fs::read_dir(registries).into_iter().flatten().flatten();
     let generated = root().join("boards/target").join(TARGET).join("release/build");
     // The last that fits counts.
-    let roots = [root(), generated].into_iter().chain(registries.map(|entry| entry.path()));
-    let mut flags = vec!["--remap-path-scope=macro".to_owned()];
-    for root in roots {
-        flags.push(format!("--remap-path-prefix={}/=", root.display()));
-        for entry in std::fs::read_dir(&root).into_iter().flatten().flatten() {
-            let name = entry.file_name().to_string_lossy().into_owned();
-            let Some((name, _version)) = name.rsplit_once('-') else { continue };
+    let mut short = vec![(root(), String::new()), (generated, String::new())];
+    for registry in folders(&cargo_home()?.join("registry/src")) {
+        let crates = folders(&registry);
+        short.push((registry, String::new()));
+        short.extend(crates.into_iter().filter_map(|folder| {
+            let (name, _version) = folder.file_name()?.to_str()?.rsplit_once('-')?;
             // Folders in which most paths begin.
             let common = match name {
                 "stm32-metapac" => "src/chips",
                 "embassy-stm32" | "embassy-usb" => "src",
-                _ => continue,
+                _ => return None,
             };
-            flags.push(format!(
-                "--remap-path-prefix={}={name}",
-                entry.path().join(common).display()
-            ));
-        }
+            Some((folder.join(common), format!("{name}/")))
+        }));
     }
-    Some(flags)
+    let remap =
+        short.iter().map(|(path, name)| format!("--remap-path-prefix={}/={name}", path.display()));
+    Some(std::iter::once("--remap-path-scope=macro".to_owned()).chain(remap).collect())
+}
+
+/// Returns the entries of a folder, none of an absent one.
+fn folders(of: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(of).into_iter().flatten().flatten();
+    entries.map(|entry| entry.path()).collect()
 }
 
 /// Cargo's home folder, which holds the sources of crates.
