@@ -23,6 +23,7 @@ mod warmth;
 pub(crate) use bias::NOISE_LIMIT;
 pub use bias::{Bias, BiasRefusal, BiasTaker, BridgeBias, NOISE_FLOOR, Taken, TaxelBias};
 pub use drift::{Drift, DriftCompensation};
+pub(crate) use lag::LAG_PARTS;
 pub use lag::{LagCompensation, LagState};
 pub use levels::{BridgeLevels, DEAD_LEVEL, Levels, MIDPOINT_MARGIN, TaxelLevels};
 pub use low_pass::{LowPass, LowPassState};

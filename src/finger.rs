@@ -9,10 +9,11 @@
 //! Estimates of matrix and array are weighted by their uncertainties. If one of them is faulty, the
 //! other gives the result alone. The status names the estimators that ran.
 //!
-//! Not every scan needs every step ([`Wanted`]). Conditioning, gate and vibration detector run in
-//! each. Forces and slip run if a frame is due, and slip about once in a millisecond in any case.
+//! Not every scan needs every step ([`Wanted`]). Conditioning but for the lag, gate and vibration
+//! detector run in each. Forces and slip run if a frame is due, and slip about once in a millisecond in any case.
 //! The matrix then runs if the frames carry a field that needs it, or if the array knows no force.
 
+mod filters;
 mod fusion;
 mod limits;
 mod matrix;
@@ -21,8 +22,8 @@ mod slip;
 
 use crate::calibration::{Calibration, CalibrationError, Range};
 use crate::condition::{
-    Bias, BiasRefusal, BiasTaker, Drift, DriftCompensation, Health, LagState, Levels, LowPass,
-    LowPassState, NoiseWatch, Signals, Stuck, StuckWatch, TaxelLevels, Thermometer, Warm,
+    Bias, BiasRefusal, BiasTaker, Health, Levels, LowPass, NoiseWatch, Signals, Stuck, StuckWatch,
+    Thermometer, Warm,
 };
 use crate::estimate::contact_point::PointMethod;
 use crate::estimate::gate::{Gate, GateState, unmistakable};
@@ -32,6 +33,7 @@ use crate::frame::{Fields, FrameRef, Status};
 use crate::measured::{Measured, NoValue};
 use crate::scan::{Codes, SENSORS, Scan, TAXELS};
 use crate::units::{Micros, NewtonMillimetres};
+use filters::{Filters, steady, without_drift};
 use fusion::{ArrayEstimate, Fused};
 use matrix::{MatrixState, OpticalEstimate, OpticalInput};
 pub use matrix::{PLACE_ERROR, SKIN_ERROR, UNSURE_PLACE};
@@ -67,14 +69,6 @@ pub struct FingerState {
     filters: Filters,
     matrix: MatrixState,
     grip: GripState,
-}
-
-/// Filters of the signals, which forget them when the bias changes.
-#[derive(Clone, Debug, Default)]
-struct Filters {
-    drift: Drift,
-    lag: LagState,
-    smooth: LowPassState,
 }
 
 /// Doubt about slip, whose memories took a change of the faulty channels for a movement.
@@ -240,6 +234,7 @@ impl FingerState {
     fn contact_changed(&mut self, contact: bool, now: Micros) {
         if contact {
             self.grip.begin(now);
+            self.filters.freeze();
         } else {
             self.matrix.clear();
             self.grip.release();
@@ -325,8 +320,9 @@ impl Finger {
 
     /// Processes one scan into `estimate`.
     ///
-    /// Time, contact flag, signals and bias are always those of the scan. If a frame is due, so are
-    /// the whole status and the wanted fields. All else is undefined.
+    /// Time, contact flag, signals and bias are always those of the scan; the lag is off the signals in
+    /// contact if they are needed. If a frame is due, so are the whole status and the wanted fields.
+    /// All else is undefined.
     pub fn update(
         &self,
         estimate: &mut Estimate,
@@ -335,26 +331,14 @@ impl Finger {
         wanted: Wanted,
     ) {
         let warmth = self.calibration.as_ref().and_then(Calibration::warmth);
-        let thermometer = &mut state.thermometer;
-        let warm = warmth.and_then(|warmth| Some((warmth, thermometer.read(&scan.codes)?)));
+        let warm = warmth.and_then(|warmth| Some((warmth, state.thermometer.read(&scan.codes)?)));
         let healthy = self.calibration.as_ref().and_then(|c| c.taxels.as_ref());
         let healthy = healthy.map(|taxels| &taxels.bias.level);
         let signals = &mut estimate.signals;
-        let bias = if state.taker.is_some() {
-            let mut levels = Levels::at_reference(&scan.codes, warm, 1.0);
-            let bias = advance_bias(state, &levels);
-            let light = state.filters.drift.gain();
-            levels.taxels.iter_mut().flatten().for_each(|level| *level *= light);
-            *signals = state.bias.apply(&levels, healthy);
-            if let Some((warmth, level)) = warm {
-                warmth.scale(signals, level);
-            }
-            bias
-        } else {
-            let light = state.filters.drift.gain();
-            state.bias.direct(&scan.codes, healthy, warm, light, signals);
-            None
-        };
+        let bias =
+            if state.taker.is_some() { advance_bias(state, &scan.codes, warm) } else { None };
+        let light = state.filters.drift.gain();
+        state.bias.direct(&scan.codes, healthy, warm, light, signals);
         let passed = scan.time.since(state.time);
         state.time = scan.time;
         let saturated = signals.health.saturated;
@@ -378,12 +362,16 @@ impl Finger {
         flag(&mut status, Status::DEAD_TAXEL, signals.health.dead != 0);
         flag(&mut status, Status::BRIDGE_FAULT, signals.health.bridge_faults != 0);
 
-        let drifts = self.calibration.as_ref().and_then(Calibration::drift);
+        let mut drifts = filters::drifts(self.calibration.as_ref(), signals);
         let factor2 = self.gate.threshold(&state.gate);
-        let drifted = drifts.and_then(|drifts| {
-            without_drift(drifts, &state.filters.drift, (signals, &state.bias), factor2)
-        });
-        let above = state.bias.exceeded(signals, factor2);
+        let mut above = state.bias.exceeded(signals, factor2);
+        let mut whole = None;
+        if above && let Some(of) = drifts {
+            let drift = &state.filters.drift;
+            let possible;
+            (whole, above, possible) = without_drift(of, drift, (signals, &state.bias), factor2);
+            drifts = drifts.filter(|_| possible);
+        }
         let before = state.gate.contact();
         let contact = self.gate.update_at_once(&mut state.gate, above, || {
             // A faulty channel may read anything.
@@ -391,11 +379,10 @@ impl Finger {
             let matrix = signals.taxels.as_ref().zip(state.bias.taxels.as_ref()).filter(|_| sound);
             matrix.map_or(0.0, |(c, bias)| unmistakable(c, bias.noise))
         });
-        if let (Some(drifts), Some((share, whole))) = (drifts, drifted) {
-            signals.taxels = Some(whole);
-            drifts.follow(&mut state.filters.drift, share, steady(passed), contact);
-            status.insert(Status::RAN_DRIFT);
+        if whole.is_some() {
+            signals.taxels = whole;
         }
+        flag(&mut status, Status::RAN_DRIFT, drifts.is_some());
         flag(&mut status, Status::CONTACT, contact);
         if contact != before {
             state.contact_changed(contact, scan.time);
@@ -413,9 +400,15 @@ impl Finger {
         }
         let slip = state.grip.listen(record, scan.time, signals);
         let sound = state.doubt.withhold(slip);
-        if let Some(lag) = record.and_then(Calibration::lag) {
-            lag.advance(&mut state.filters.lag, steady(passed), signals);
-            status.insert(Status::RAN_LAG);
+        let runs = wanted.due || contact && sound.is_ok() && state.grip.is_due(scan.time);
+        if let Some(record) = record {
+            let (filters, passed) = (&mut state.filters, steady(passed));
+            if contact {
+                let needed = runs || self.filter.is_some();
+                filters.compensate(record, signals, passed, needed, &mut status);
+            } else {
+                filters.follow(record, drifts, (signals, &state.bias), passed);
+            }
         }
         if let Some(filter) = &self.filter {
             filter.smooth(&mut state.filters.smooth, signals);
@@ -423,7 +416,7 @@ impl Finger {
         estimate.time = scan.time;
         estimate.status = status;
         estimate.bias = bias;
-        if wanted.due || contact && sound.is_ok() && state.grip.is_due(scan.time) {
+        if runs {
             let sensors = self.sensor_forces(&scan.codes, estimate);
             if contact {
                 state.matrix.begin(scan.time, passed / scan.lost.saturating_add(1));
@@ -522,30 +515,6 @@ impl Finger {
     }
 }
 
-/// Takes a drift of the light off the taxels' signals; returns its present share and the signals as
-/// they were. A separate function, because many fingers have no such section.
-#[cold]
-#[inline(never)]
-fn without_drift(
-    drifts: &DriftCompensation,
-    drift: &Drift,
-    (signals, bias): (&mut Signals, &Bias),
-    factor2: f32,
-) -> Option<(f32, TaxelLevels)> {
-    if signals.health != Health::default() {
-        return None;
-    }
-    let (c, bias) = (signals.taxels.as_mut()?, bias.taxels.as_ref()?);
-    let whole = *c;
-    Some((drifts.split(drift, c, bias, factor2)?, whole))
-}
-
-/// Returns a time between scans in steps of 5 µs. A microsecond of rounding in the times of a board
-/// must not change a bit of a frame.
-fn steady(passed: u32) -> u32 {
-    passed.saturating_add(2) / 5 * 5
-}
-
 /// Forces on all calibrated sensors in newtons, or the reason for the first that is missing.
 type SensorForces = Measured<[[f32; 3]; SENSORS]>;
 
@@ -560,8 +529,13 @@ fn set_none(force: &mut Force, reason: NoValue) -> Measured<[f32; 3]> {
 /// A separate cold function: its large, rare result would be copied with every scan.
 #[cold]
 #[inline(never)]
-fn advance_bias(state: &mut FingerState, levels: &Levels) -> Option<Result<(), BiasRefusal>> {
-    let outcome = state.taker.as_mut()?.add(levels, &state.bias)?;
+fn advance_bias(
+    state: &mut FingerState,
+    codes: &Codes,
+    warm: Option<Warm<'_>>,
+) -> Option<Result<(), BiasRefusal>> {
+    let levels = Levels::at_reference(codes, warm, 1.0);
+    let outcome = state.taker.as_mut()?.add(&levels, &state.bias)?;
     state.taker = None;
     Some(outcome.map(|taken| {
         state.bias = taken.bias;

@@ -9,7 +9,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{TaxelBias, TaxelLevels};
-use crate::scan::TAXELS;
+use crate::scan::{COLS, ROWS, TAXELS};
 
 /// Time over which shares are averaged, in microseconds.
 const WINDOW: u32 = 20_000;
@@ -31,6 +31,8 @@ pub struct DriftCompensation {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drift {
     gain: f32,
+    /// Sums over the first rows of a share that is being taken.
+    taken: Dots,
     /// Sum of share times time in the present window, and its time.
     sum: f32,
     time: u32,
@@ -41,7 +43,28 @@ pub struct Drift {
 
 impl Default for Drift {
     fn default() -> Self {
-        Self { gain: 1.0, sum: 0.0, time: 0, mean: None }
+        Self { gain: 1.0, taken: Dots::default(), sum: 0.0, time: 0, mean: None }
+    }
+}
+
+/// Products of signals with unloaded levels, and of these with themselves, summed.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Dots {
+    along: f32,
+    squares: f32,
+}
+
+impl Dots {
+    fn add(&mut self, c: &[f32], levels: &[f32]) {
+        for (c, b) in c.iter().zip(levels) {
+            self.along += c * b;
+            self.squares += b * b;
+        }
+    }
+
+    fn share(self) -> f32 {
+        // Without light there is none.
+        self.along / (self.squares + f32::MIN_POSITIVE)
     }
 }
 
@@ -51,49 +74,61 @@ impl DriftCompensation {
         (0.0..=0.2).contains(&self.most)
     }
 
-    /// Returns the common share of the signals; `None` if it is too large for a drift.
+    /// Takes a drift that alone may exceed the noise of `bias` by a `factor`, given squared, off the
+    /// signals. Returns whether the common share is small enough for a drift.
     ///
-    /// `c` keeps what is left without a drift that alone may exceed the noise of `bias` by a
-    /// `factor`, given squared. While the finger is untouched that is the share of the last window:
-    /// a share that comes at once is a touch. Else it is the present share.
+    /// While the finger is untouched the drift is the share of the last window: a share that comes
+    /// at once is a touch. Else it is the present share.
     #[inline(never)]
-    pub(crate) fn split(
+    pub(crate) fn remove(
         &self,
         drift: &Drift,
         c: &mut TaxelLevels,
         bias: &TaxelBias,
         factor2: f32,
-    ) -> Option<f32> {
-        let (mut along, mut squares) = (0.0, f32::MIN_POSITIVE);
-        for (c, b) in c.iter().zip(&bias.level) {
-            along += c * b;
-            squares += b * b;
-        }
-        let share = along / squares;
+    ) -> bool {
+        let mut dots = Dots::default();
+        dots.add(c, &bias.level);
+        let share = dots.share();
         // Not so for a share that is no number.
         let possible = share.abs() <= self.most;
-        if !possible {
-            return None;
-        }
         let slow = drift.mean.unwrap_or(share);
         let noise2 = TAXELS as f32 * bias.noise * bias.noise;
-        if slow * slow * squares > MARGIN * factor2 * noise2 {
+        if possible && slow * slow * dots.squares > MARGIN * factor2 * noise2 {
             c.iter_mut().zip(&bias.level).for_each(|(c, b)| *c -= slow * b);
         }
-        Some(share)
+        possible
     }
 
-    /// Follows the common share of a scan, `passed` microseconds after the last one. In contact the
-    /// gain is frozen, and the shares just before it are forgotten.
-    #[inline(never)]
-    pub(crate) fn follow(&self, drift: &mut Drift, share: f32, passed: u32, contact: bool) {
-        if contact {
-            (drift.sum, drift.time, drift.mean) = (0.0, 0, None);
-            return;
+    /// Follows the common share while nothing touches, a `row` of taxels a call. The last row
+    /// completes the share of the last `passed` microseconds.
+    pub(crate) fn follow(
+        &self,
+        drift: &mut Drift,
+        row: usize,
+        c: &TaxelLevels,
+        bias: &TaxelBias,
+        passed: u32,
+    ) {
+        let of = |levels: &TaxelLevels| levels.as_chunks::<COLS>().0.get(row).copied();
+        if let (Some(c), Some(b)) = (of(c), of(&bias.level)) {
+            drift.taken.add(&c, &b);
         }
+        if row == ROWS - 1 {
+            self.follow_share(drift, passed);
+        }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn follow_share(&self, drift: &mut Drift, passed: u32) {
+        let share = core::mem::take(&mut drift.taken).share();
         let passed = passed.min(WINDOW);
-        drift.sum += share * passed as f32;
-        drift.time += passed;
+        // Not so for a share that is no number.
+        if share.abs() <= self.most {
+            drift.sum += share * passed as f32;
+            drift.time += passed;
+        }
         if drift.time >= WINDOW {
             if let Some(mean) = drift.mean {
                 let gain = drift.gain * (1.0 + FOLLOWS * mean);
@@ -112,6 +147,11 @@ impl Drift {
     pub fn gain(&self) -> f32 {
         self.gain
     }
+
+    /// Freezes the gain in contact, and forgets the shares just before it.
+    pub(crate) fn freeze(&mut self) {
+        *self = Self { gain: self.gain, ..Self::default() };
+    }
 }
 
 #[cfg(test)]
@@ -126,17 +166,24 @@ mod tests {
     const DRIFTS: DriftCompensation = DriftCompensation { most: 0.05 };
     /// Squared factor of the contact gate's threshold.
     const GATE: f32 = 16.0;
-    const NEW: Drift = Drift { gain: 1.0, sum: 0.0, time: 0, mean: None };
+    fn new() -> Drift {
+        Drift::default()
+    }
+
+    /// Follows whole scans, `passed` microseconds apart.
+    fn follow(drift: &mut Drift, c: &TaxelLevels, passed: u32) {
+        (0..ROWS).for_each(|row| DRIFTS.follow(drift, row, c, &BIAS, passed));
+    }
 
     #[test]
-    fn common_share_is_split_from_a_touch() {
+    fn common_share_is_removed_from_a_touch() {
         let drifted = BIAS.level.map(|b| 0.01 * b);
         let mut c = drifted;
-        let share = DRIFTS.split(&NEW, &mut c, &BIAS, GATE).unwrap();
-        assert!((share - 0.01).abs() < 1e-7 && c.iter().all(|c| c.abs() < 1e-8), "{c:?}");
+        assert!(DRIFTS.remove(&new(), &mut c, &BIAS, GATE));
+        assert!(c.iter().all(|c| c.abs() < 1e-8), "{c:?}");
         let mut touched = drifted;
         touched[5] -= 0.02;
-        DRIFTS.split(&NEW, &mut touched, &BIAS, GATE).unwrap();
+        assert!(DRIFTS.remove(&new(), &mut touched, &BIAS, GATE));
         assert!((-0.02..-0.018).contains(&touched[5]), "{touched:?}");
     }
 
@@ -145,34 +192,53 @@ mod tests {
         let mut light = [0.0; TAXELS];
         light[5] = -1e-3;
         let whole = light;
-        assert!(DRIFTS.split(&NEW, &mut light, &BIAS, GATE).is_some());
+        assert!(DRIFTS.remove(&new(), &mut light, &BIAS, GATE));
         assert_eq!(light, whole);
-        assert_eq!(DRIFTS.split(&NEW, &mut BIAS.level.map(|b| 0.06 * b), &BIAS, GATE), None);
-        assert_eq!(DRIFTS.split(&NEW, &mut [f32::NAN; TAXELS], &BIAS, GATE), None);
+        assert!(!DRIFTS.remove(&new(), &mut BIAS.level.map(|b| 0.06 * b), &BIAS, GATE));
+        assert!(!DRIFTS.remove(&new(), &mut [f32::NAN; TAXELS], &BIAS, GATE));
     }
 
     #[test]
     fn share_that_comes_at_once_is_a_touch() {
-        let settled = Drift { mean: Some(1e-4), ..NEW };
+        let settled = Drift { mean: Some(1e-4), ..new() };
         let mut wide = BIAS.level.map(|b| -0.004 * b);
         let whole = wide;
-        assert!(DRIFTS.split(&settled, &mut wide, &BIAS, GATE).is_some());
+        assert!(DRIFTS.remove(&settled, &mut wide, &BIAS, GATE));
         assert_eq!(wide, whole);
     }
 
     #[test]
     fn gain_restores_light_and_is_bounded() {
-        for passed in [250, 2000, 100_000] {
+        for passed in [3000, 24_000, 100_000] {
             let mut drift = Drift::default();
             let signals = |drift: &Drift| BIAS.level.map(|b| b - 0.98 * b * drift.gain());
             for _ in 0..3_000_000 / passed {
-                let share = DRIFTS.split(&drift, &mut signals(&drift), &BIAS, GATE).unwrap();
-                DRIFTS.follow(&mut drift, share, passed, false);
+                let c = signals(&drift);
+                follow(&mut drift, &c, passed);
             }
             assert!(signals(&drift).iter().all(|c| c.abs() < 3e-5), "{passed}: {drift:?}");
         }
         let mut drift = Drift::default();
-        (0..100_000).for_each(|_| DRIFTS.follow(&mut drift, 0.05, 100_000, false));
+        (0..100_000).for_each(|_| follow(&mut drift, &BIAS.level.map(|b| 0.05 * b), 100_000));
         assert_eq!(drift.gain(), 1.05);
+    }
+
+    #[test]
+    fn share_that_is_too_large_or_no_number_is_not_followed() {
+        for c in [BIAS.level, [f32::NAN; TAXELS], [f32::MAX; TAXELS]] {
+            let mut drift = Drift::default();
+            (0..1000).for_each(|_| follow(&mut drift, &c, 3000));
+            assert_eq!(drift.gain(), 1.0);
+        }
+    }
+
+    #[test]
+    fn contact_freezes_the_gain_and_forgets_the_last_shares() {
+        let mut drift = Drift::default();
+        (0..100).for_each(|_| follow(&mut drift, &BIAS.level.map(|b| 0.01 * b), 3000));
+        let gain = drift.gain();
+        assert!(gain > 1.0);
+        drift.freeze();
+        assert_eq!(drift, Drift { gain, ..new() });
     }
 }

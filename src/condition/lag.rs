@@ -10,11 +10,19 @@ use serde::{Deserialize, Serialize};
 
 use super::Signals;
 use crate::math::at_most;
-use crate::scan::{SENSORS, TAXELS};
+use crate::scan::{COLS, ROWS, SENSORS};
 
 /// Time constant of each low-pass: shares of the lag, and of the time between two scans, of which
 /// no more than a lag counts. Smaller ones follow quicker and are noisier.
 const SMOOTHED: [f32; 2] = [0.6, 0.65];
+
+/// Least time between two scans that are followed without need, in microseconds: more of them would
+/// average noise no better.
+const LEAST_US: u32 = 200;
+
+/// Longest time between two scans that counts, in microseconds: no lag remembers more, and the sum
+/// of two does not wrap.
+const LONGEST_US: u32 = 1 << 30;
 
 /// Least and longest lag in seconds. The longest is far beyond that of any coating of
 /// [Ospina2017].
@@ -30,17 +38,35 @@ pub struct LagCompensation {
     pub sensors: f32,
 }
 
-/// Outputs of the three low-passes of one signal.
-type Smoothed = [f32; 3];
+/// Signals that follow together: a row of taxels, or the three axes of a sensor and a zero.
+type Group = [f32; COLS];
 
-/// Low-passes of all signals; `None` for an absent one.
+/// Outputs of the first low-pass of a group, and by how much it and the second one are ahead of the
+/// next.
+type Smoothed = [Group; 3];
+
+/// Groups of a part, and parts of the signals: the rows of taxels in two, then the sensors in two.
+const GROUPS: usize = 2;
+pub(crate) const LAG_PARTS: usize = (ROWS + SENSORS) / GROUPS;
+
+/// Low-passes of all signals, and the time in microseconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LagState {
-    /// Microseconds between the last two scans, and their coefficients.
+    now: u32,
+    parts: [Part; LAG_PARTS],
+}
+
+/// Low-passes of a part's groups; `None` for an absent one.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Part {
+    /// When it was followed last.
+    at: u32,
+    /// Microseconds since it had been followed before and since the scan before, and the coefficients
+    /// for them.
     passed: u32,
-    paces: [Option<Pace>; 2],
-    taxels: Option<[Smoothed; TAXELS]>,
-    bridges: [Option<[Smoothed; 3]>; SENSORS],
+    scan: u32,
+    pace: Option<Pace>,
+    groups: [Option<Smoothed>; GROUPS],
 }
 
 impl LagCompensation {
@@ -49,19 +75,99 @@ impl LagCompensation {
         lag == 0.0 || RANGE.contains(&lag)
     }
 
-    /// Advances the signals of a scan, `passed` microseconds after the last one. A signal that was
-    /// absent before is taken to stand still.
+    /// Takes the lag off the signals of a scan, `passed` microseconds after the last one. A signal
+    /// that was absent before is taken to stand still.
     #[inline(never)]
     pub fn advance(&self, state: &mut LagState, passed: u32, signals: &mut Signals) {
-        if passed != state.passed {
-            state.passed = passed;
-            let passed = passed as f32 * 1e-6;
-            state.paces = [self.taxels, self.sensors].map(|lag| Pace::of(lag, passed));
+        let passed = passed.min(LONGEST_US);
+        state.now = state.now.wrapping_add(passed);
+        let LagState { now, parts: [first, second, sensors @ ..] } = state;
+        let mut c = signals.taxels.as_mut().map(|c| c.as_chunks_mut().0);
+        for (i, part) in [first, second].into_iter().enumerate() {
+            let rows = c.as_mut().and_then(|c| c.chunks_exact_mut(GROUPS).nth(i));
+            self.advance_rows(part, [*now, passed], rows);
         }
-        let [taxels, bridges] = state.paces;
-        follow(&mut state.taxels, &mut signals.taxels, taxels);
-        for (state, bridge) in state.bridges.iter_mut().zip(&mut signals.bridges) {
-            follow(state, bridge, bridges);
+        for (part, bridges) in sensors.iter_mut().zip(signals.bridges.chunks_exact_mut(GROUPS)) {
+            self.advance_sensors(part, [*now, passed], bridges);
+        }
+    }
+
+    /// Leaves a scan out whose signals nobody needs, if the next one comes soon enough. Returns whether
+    /// it did.
+    pub(crate) fn skip(state: &mut LagState, passed: u32) -> bool {
+        let (now, [part, ..]) = (state.now.wrapping_add(passed.min(LONGEST_US)), &state.parts);
+        let skips = now.wrapping_sub(part.at) < LEAST_US;
+        if skips {
+            state.now = now;
+        }
+        skips
+    }
+
+    /// Follows one part of the signals of a scan, or none, `passed` microseconds after the last scan.
+    /// A part counts as followed in the scans between.
+    pub(crate) fn listen(
+        &self,
+        state: &mut LagState,
+        passed: u32,
+        signals: &Signals,
+        part: Option<usize>,
+    ) {
+        let passed = passed.min(LONGEST_US);
+        state.now = state.now.wrapping_add(passed);
+        let Some(i) = part else { return };
+        let Some(part) = state.parts.get_mut(i) else { return };
+        if let Some(i) = i.checked_sub(ROWS / GROUPS) {
+            let mut bridges = signals.bridges;
+            if let Some(bridges) = bridges.chunks_exact_mut(GROUPS).nth(i) {
+                self.advance_sensors(part, [state.now, passed], bridges);
+            }
+        } else {
+            let mut c = signals.taxels;
+            let rows = c.as_mut().and_then(|c| c.as_chunks_mut().0.chunks_exact_mut(GROUPS).nth(i));
+            self.advance_rows(part, [state.now, passed], rows);
+        }
+    }
+
+    #[inline(never)]
+    fn advance_rows(&self, part: &mut Part, time: [u32; 2], rows: Option<&mut [Group]>) {
+        part.set_pace(self.taxels, time);
+        match rows {
+            Some(rows) => {
+                let groups = part.groups.iter_mut().zip(rows);
+                groups.for_each(|(group, row)| follow(group, row, &part.pace));
+            }
+            None => part.groups = [None; GROUPS],
+        }
+    }
+
+    #[inline(never)]
+    fn advance_sensors(&self, part: &mut Part, time: [u32; 2], bridges: &mut [Option<[f32; 3]>]) {
+        part.set_pace(self.sensors, time);
+        for (sensor, bridge) in part.groups.iter_mut().zip(bridges) {
+            match bridge {
+                Some(bridge) => {
+                    let [x, y, z] = *bridge;
+                    let mut ahead = [x, y, z, 0.0];
+                    follow(sensor, &mut ahead, &part.pace);
+                    let [x, y, z, _] = ahead;
+                    *bridge = [x, y, z];
+                }
+                None => *sensor = None,
+            }
+        }
+    }
+}
+
+impl Part {
+    /// Sets the coefficients for the time since it was followed last. The time constants are those
+    /// of the time between two scans, so that a change of turns changes none of the differences.
+    #[inline(always)]
+    fn set_pace(&mut self, lag: f32, [now, scan]: [u32; 2]) {
+        let passed = now.wrapping_sub(self.at);
+        self.at = now;
+        if passed != self.passed || scan != self.scan {
+            (self.passed, self.scan) = (passed, scan);
+            self.pace = Pace::of(lag, [passed, scan].map(|time| time as f32 * 1e-6));
         }
     }
 }
@@ -69,71 +175,73 @@ impl LagCompensation {
 /// Coefficients of one scan.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Pace {
-    /// Share by which each low-pass approaches its input.
+    /// Share by which each low-pass approaches its input, and the rest.
     share: f32,
+    keep: f32,
     /// Weights of the second and third low-pass' distance from their inputs.
     second: f32,
     third: f32,
 }
 
 impl Pace {
-    /// Returns the coefficients for `passed` seconds; `None` without a lag.
+    /// Returns the coefficients for `passed` seconds, of low-passes for this time between two scans;
+    /// `None` without a lag.
     ///
     /// A low-pass with the time constant τ that is read every h seconds is 1 − τs + (τ² + τh/2)s² up
     /// to the second order. The weights a and b of u₁ + a(u₁ − u₂) + b(u₁ − 2u₂ + u₃), the outputs
     /// of the low-passes, follow from comparing its coefficients with those of the inverse.
+    #[cold]
     #[inline(never)]
-    fn of(lag: f32, passed: f32) -> Option<Self> {
+    fn of(lag: f32, [passed, scan]: [f32; 2]) -> Option<Self> {
         let [of_lag, of_passed] = SMOOTHED;
         (lag > 0.0).then(|| {
-            let per_constant = (of_lag * lag + of_passed * at_most(passed, lag)).recip();
+            let per_constant = (of_lag * lag + of_passed * at_most(scan, lag)).recip();
             let (times, turns) = (lag * per_constant, passed * per_constant);
             let a = 1.0 + times;
             let b = 1.0 + times * (2.0 + 0.25 * times + 0.5 * turns);
             // After its step a low-pass is nearer to its input by its share.
             let left = (1.0 + turns).recip();
-            Self { share: turns * left, second: (a + b) * left, third: b * left }
+            Self { share: turns * left, keep: left, second: (a + b) * left, third: b * left }
         })
     }
 }
 
-fn follow<const N: usize>(
-    state: &mut Option<[Smoothed; N]>,
-    signals: &mut Option<[f32; N]>,
-    pace: Option<Pace>,
-) {
-    let before = state.is_some();
-    match (signals, pace) {
-        (Some(signals), Some(pace)) => {
-            advance(before, state.get_or_insert([Smoothed::default(); N]), signals, pace);
-        }
-        _ => *state = None,
-    }
+/// Returns the low-passes of signals that stand still. Inlined it would slow down every scan.
+#[cold]
+#[inline(never)]
+fn at_rest(now: &Group) -> Smoothed {
+    [*now, [0.0; COLS], [0.0; COLS]]
 }
 
-/// Advances signals, which stood still if they were absent before.
+/// Takes the lag off the signals of a group. They stood still if they were absent before.
 #[inline(never)]
-fn advance(before: bool, state: &mut [Smoothed], signals: &mut [f32], pace: Pace) {
-    if !before {
-        for (smoothed, x) in state.iter_mut().zip(&*signals) {
-            *smoothed = [*x; 3];
-        }
-    }
-    let Pace { share, second, third } = pace;
-    for ([u1, u2, u3], x) in state.iter_mut().zip(signals) {
-        *u1 += share * (*x - *u1);
-        let to_second = *u1 - *u2;
-        *u2 += share * to_second;
-        let to_third = *u2 - *u3;
-        *u3 += share * to_third;
-        *x = *u1 + (second * to_second - third * to_third);
-    }
+fn follow(smoothed: &mut Option<Smoothed>, now: &mut Group, pace: &Option<Pace>) {
+    let Some(Pace { share, keep, second, third }) = pace else {
+        *smoothed = None;
+        return;
+    };
+    let [first, ahead, further] = smoothed.get_or_insert_with(|| at_rest(now));
+    // Stage by stage, so that no operation waits for the one before.
+    let step = of_both(now, first, |now, first| share * (now - first));
+    *first = of_both(first, &step, |first, step| first + step);
+    let to_second = of_both(ahead, &step, |ahead, step| ahead + step);
+    *ahead = to_second.map(|to| keep * to);
+    let to_third = of_both(further, &to_second, |further, to| further + share * to);
+    *further = to_third.map(|to| keep * to);
+    let more = of_both(&to_second, &to_third, |to, on| second * to - third * on);
+    *now = of_both(first, &more, |first, more| first + more);
+}
+
+#[inline(always)]
+fn of_both([a, b, c, d]: &Group, [e, f, g, h]: &Group, of: impl Fn(f32, f32) -> f32) -> Group {
+    [of(*a, *e), of(*b, *f), of(*c, *g), of(*d, *h)]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::condition::random::noise;
+    use crate::scan::TAXELS;
 
     const LAG: LagCompensation = LagCompensation { taxels: 4e-3, sensors: 3e-3 };
 
@@ -216,6 +324,33 @@ mod tests {
             // Without compensation they are 0.063 and 0.047.
             assert!(taxels < 0.0083 && bridges < 0.0054, "{hz} Hz: {taxels} {bridges}");
         }
+    }
+
+    #[test]
+    fn force_is_not_late_after_scans_that_were_skipped() {
+        // A press of a second; in its first 50 ms a part is followed in every twelfth scan.
+        let press = |t: f64| (core::f64::consts::PI * t).sin().powi(2);
+        let (mut some, mut every, mut most) = (LagState::default(), LagState::default(), 0.0f64);
+        let mut late = Coating([0.0; 2], 4e-3);
+        for i in 0..800usize {
+            let now = late.follow(press, i as f64 * 250e-6, 4000);
+            let own_late = signals(now, now);
+            let (mut own, mut other) = (own_late, own_late);
+            LAG.advance(&mut every, 250, &mut own);
+            if i < 200 {
+                LAG.listen(&mut some, 250, &own_late, (i % 3 == 0).then_some(i / 3 % LAG_PARTS));
+            } else {
+                LAG.advance(&mut some, 250, &mut other);
+            }
+            if i >= 200 {
+                let [own, other] = [own, other].map(|own| own.taxels.unwrap());
+                for (own, other) in own.iter().zip(other) {
+                    most = most.max(f64::from((own - other).abs()));
+                }
+            }
+        }
+        // Without a memory they would be 4e-3 apart at first.
+        assert!(most < 1e-3, "{most}");
     }
 
     /// Growth of the noise of the taxels at a scan rate.

@@ -139,13 +139,14 @@ impl QuantisedNet {
     #[must_use]
     pub fn forces(&self, c: &[f32; TAXELS]) -> Vec<f32, MAX_OUTPUTS> {
         let mut input = Input { x: Lanes::default(), shift: (self.shift & MAX_SHIFT).into() };
-        for (x, c) in input.x.as_chunks_mut().0.iter_mut().zip(c.as_chunks().0) {
-            *x = taxel_dsp::narrowed(c, self.signal);
+        // Loops here are above the compiler's limit for unrolling: unrolled by hand.
+        if let ([first, last], [c, d]) = (input.x.as_chunks_mut().0, c.as_chunks().0) {
+            *first = taxel_dsp::narrowed(c, self.signal);
+            *last = taxel_dsp::narrowed(d, self.signal);
         }
         let mut groups = self.hidden.iter();
         let mut bent = [0; MAX_OUTPUTS];
         for rows in &self.output {
-            // A loop here is above the compiler's limit for unrolling: unrolled by hand.
             let mut next = || match groups.next() {
                 Some(group) => taxel_dsp::activations(group, &input),
                 None => [0; 2],

@@ -40,6 +40,8 @@ const SEVERAL: Gate = Gate { on: 10.0, off: 5.0, begin_frames: 4, end_frames: 20
 /// it with, which needs a few to converge.
 const TRUSTED: u8 = 32;
 const COMPARED: u8 = 4;
+/// Most scans by which a search for two contacts is put off.
+const MOST_OWED: u8 = 6;
 /// Time in microseconds, besides that of a scan, over which a contact is followed from estimate to
 /// estimate; after a longer one it may have moved far.
 const FOLLOWED_US: u32 = 900;
@@ -70,6 +72,9 @@ pub(super) struct MatrixState {
     single: f32,
     /// Estimates since a believed pair began to be compared with a single contact.
     trusted: u8,
+    /// Scans by which the search for two contacts has been put off; 0 if the next renewed
+    /// linearisation may be the single contact's.
+    owed: u8,
     /// Whether the contact was off the pad, and has not been found on it since.
     off: bool,
     /// Time of the last estimate.
@@ -92,7 +97,7 @@ impl MatrixState {
         self.model.clear();
         self.pair.clear();
         (self.sheared, self.several) = Default::default();
-        (self.trusted, self.off) = (0, false);
+        (self.trusted, self.off, self.owed) = (0, false, 0);
     }
 
     /// Returns whether a pair is believed and followed alone in this scan.
@@ -230,6 +235,7 @@ impl OpticalInput<'_> {
             }
             // The last single contact is old, and lies between the two.
             state.model.clear();
+            state.owed = 0;
         }
         self.single(model, &u, state, status)
     }
@@ -260,20 +266,40 @@ impl OpticalInput<'_> {
         };
         let touch = match touch {
             Ok(touch) => touch,
-            Err(reason) => return OpticalEstimate::nothing(reason),
+            Err(reason) => {
+                state.owed = 0;
+                return OpticalEstimate::nothing(reason);
+            }
         };
         let squared = touch.misfit * touch.misfit;
         let several = SEVERAL.update(&mut state.several, squared);
         if several {
             status.insert(Status::NOT_SINGLE);
         }
+        let hurried = state.model.hurried();
+        let spent = if hurried { state.model.spent() && state.owed < MOST_OWED } else { new };
         if !several && squared <= SEVERAL.on * SEVERAL.on {
             state.pair.clear();
-        } else if !new || state.pair.believed() {
-            // The search begins while the gate still counts, but not in the scan of a new contact,
-            // whose own search takes the time of this one.
+            state.owed = 0;
+        } else if spent && !state.pair.believed() {
+            // The search begins while the gate still counts, but not while the single contact takes
+            // the time. After that it takes the time itself.
+            if several {
+                status.insert(Status::RAN_PAIR);
+            }
+            if hurried && (state.model.renewed() || state.owed > 0) {
+                state.owed += 1;
+                state.model.hold();
+            }
+        } else {
+            if hurried && state.model.renewed() {
+                state.pair.hold();
+            } else if !state.pair.believed() {
+                state.model.rest();
+            }
+            state.owed = 0;
             state.single = touch.misfit;
-            let pair = model.pair(&mut state.pair, u, touch.misfit, state.model.hurried());
+            let pair = model.pair(&mut state.pair, u, touch.misfit, hurried);
             if several {
                 status.insert(Status::RAN_PAIR);
                 if let Some(pair) = pair {

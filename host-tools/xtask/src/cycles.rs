@@ -86,17 +86,17 @@ fn within_their_cycles(table: &[Stage]) -> Result<()> {
     Ok(())
 }
 
-/// Scenes of a finger with every section that a default fit writes, and their limits in modelled
-/// cycles: mean and worst scan.
+/// Scenes of the reference finger with every section that a default fit writes, and their limits in
+/// modelled cycles: mean and worst scan.
 const SCENES: [(&str, [u64; 2]); 8] = [
-    ("finger: no contact, no frame due", [3_000, 3_000]),
-    ("finger: no contact, estimates", [6_200, 6_300]),
-    ("finger: normal contact, estimates", [15_800, 24_500]),
-    ("finger: normal contact, frames at 1 kHz", [6_200, 24_500]),
-    ("finger: shear, estimates", [19_900, 32_000]),
-    ("finger: shear, frames at 1 kHz", [7_200, 32_000]),
-    ("finger: two contacts, estimates", [18_700, 32_500]),
-    ("finger: two contacts, frames at 1 kHz", [6_900, 32_500]),
+    ("finger: no contact, no frame due", [3_200, 3_500]),
+    ("finger: no contact, estimates", [6_500, 6_900]),
+    ("finger: normal contact, estimates", [17_800, 28_100]),
+    ("finger: normal contact, frames at 1 kHz", [8_700, 28_100]),
+    ("finger: shear, estimates", [20_800, 35_300]),
+    ("finger: shear, frames at 1 kHz", [9_900, 35_300]),
+    ("finger: two contacts, estimates", [20_600, 35_300]),
+    ("finger: two contacts, frames at 1 kHz", [9_500, 35_300]),
 ];
 
 /// Fails where the mean or the worst scan of one of the [`SCENES`] exceeds its limit.

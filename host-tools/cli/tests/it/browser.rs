@@ -277,7 +277,9 @@ fn page_renders_every_state_and_phone_width() {
         browser.wait_for("taxel.times.length > 60");
         browser.wait_for(until);
         if scene == "idle" {
-            assert!(browser.text("verdict").contains("Nothing touches the finger"));
+            browser.wait_for(
+                "document.getElementById('verdict').innerText.includes('Nothing touches the finger')",
+            );
         }
         if scene == "two-contacts" {
             let crosses = "[...document.querySelectorAll('#map .point')]

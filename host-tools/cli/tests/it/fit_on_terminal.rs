@@ -116,7 +116,8 @@ mod endurance {
             let record = calibration::read(folder.0.join("cal.toml"));
             match status.code() {
                 Some(0) => assert!(record.is_ok() && said.contains("stopped early"), "{said}"),
-                Some(1) => assert!(record.is_err() && said.contains("nothing was"), "{said}"),
+                // 130 if the stage did not end within Ctrl-C's second, as on a busy machine.
+                Some(1 | 130) => assert!(record.is_err() && said.contains("nothing was"), "{said}"),
                 other => panic!("{share}: {other:?} {said}"),
             }
             kept += usize::from(status.code() == Some(0));

@@ -1,33 +1,34 @@
 #!/usr/bin/env bash
-# Makes the files of this folder again in a temporary folder and prints its name: the finger as shipped, with the
-# thermometer that the built-in scenes leave out, and a run of scans of each kind of scene.
+# Makes the files of this folder again in a temporary folder and prints its name: the reference finger as it is shipped,
+# with the thermometer that the built-in scenes leave out, and a run of scans of each kind of scene.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../../../.." && pwd)
 scenes=$root/host-tools/sim/scenes
+reference() { taxel simulate --finger reference "$@"; }
 taxel() { cargo run --quiet --release --locked --manifest-path "$root/Cargo.toml" --bin taxel -- "$@"; }
 cd "$(mktemp -d)"
 
 for scene in presses shear tour two-contacts warm-up; do
   sed '/"temperature",/d; s/^effects = \[/effects = ["temperature",/' "$scenes/$scene.toml" > $scene.toml
 done
-taxel simulate --scene presses.toml --seed 1 --out presses.csv
-taxel simulate --scene shear.toml --seed 2 --out shear.csv
-taxel simulate --scene warm-up.toml --seed 3 --out warm-up.csv
+reference --scene presses.toml --seed 1 --out presses.csv
+reference --scene shear.toml --seed 2 --out shear.csv
+reference --scene warm-up.toml --seed 3 --out warm-up.csv
 taxel calibrate fit --data presses.csv --data shear.csv --data warm-up.csv --serial VIRTUAL-4X4 --out finger.cal.toml
 
 # The runs are at the product's rate of scans.
 sed -i 's/^rate_hz = .*/rate_hz = 4000/' tour.toml two-contacts.toml
-taxel simulate --scene tour.toml --out tour.csv
-taxel simulate --scene two-contacts.toml --out two.csv
+reference --scene tour.toml --out tour.csv
+reference --scene two-contacts.toml --out two.csv
 # From one microsecond to before another, without the truth but for `contact`.
 stretch() {
   awk -F, -v from="$2" -v to="$3" '
-    NR == 2 { for (i = 1; i <= NF; i++) { if ($i == "fx_n") n = i; if ($i == "contact") c = i } }
-    NR == 1 { print }
-    NR == 2 || NR > 2 && $1 >= from && $1 < to { s = $1; for (i = 2; i < n; i++) s = s "," $i; print s "," $c }' "$1"
+    /^#/ { print; next }
+    !n { for (i = 1; i <= NF; i++) { if ($i == "fx_n") n = i; if ($i == "contact") c = i } s = "t_us" }
+    s != "" || $1 >= from && $1 < to { s = $1; for (i = 2; i < n; i++) s = s "," $i; print s "," $c; s = "" }' "$1"
 }
 stretch tour.csv 0 32000 > no-contact.csv
-stretch tour.csv 1000000 1128000 > normal-contact.csv
+stretch tour.csv 3520000 3648000 > normal-contact.csv
 stretch tour.csv 4060000 4188000 > shear.csv               # the finger meets it sheared: the dearest begin
 stretch two.csv 760000 928000 > two-contacts.csv           # one is there when the other comes
 

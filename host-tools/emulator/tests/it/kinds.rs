@@ -23,9 +23,11 @@ fn run_keeps_its_kind_of_scene() {
         record.array.is_some(),
         record.slip.is_some(),
         record.warmth.is_some(),
+        record.lag.is_some(),
+        record.drift.is_some(),
         record.sensors.iter().all(Option::is_some),
     ];
-    assert_eq!(sections, [true; 7]);
+    assert_eq!(sections, [true; 9]);
     let finger = Finger::new(Some(record)).0;
     for kind in KINDS {
         let path = whole().join(kind.name.replace(' ', "-")).with_extension("csv");

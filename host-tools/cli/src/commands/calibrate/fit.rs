@@ -301,6 +301,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         args.overwrite,
     )?;
     let interrupt = Interrupt::watch()?;
+    // A stage that does not end in time ends with the process, before there is a record.
+    interrupt.outcome("; nothing was written");
     let bar = ProgressBar::new(0);
     bar.set_style(ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} {eta}")?);
     bar.set_message("reading the recordings");
