@@ -536,7 +536,7 @@ impl Inverse {
         let [fx, fy, _, x, y, _] = sigma;
         // A contact that is still being searched is followed closely.
         state.unsure = if sure && sheared {
-            [0.0, at_most(at_least(x, y), MORE_PLACE), at_least(fx, fy)]
+            [0.0, at_most(at_least(x, y), MORE_PLACE), 0.0]
         } else {
             SURE_OF_ALL
         };
