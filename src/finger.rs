@@ -234,8 +234,9 @@ impl FingerState {
     fn contact_changed(&mut self, contact: bool, now: Micros) {
         if contact {
             self.grip.begin(now);
-            self.filters.freeze();
+            self.filters.freeze(now);
         } else {
+            self.filters.drift.release();
             self.matrix.clear();
             self.grip.release();
         }
@@ -369,7 +370,8 @@ impl Finger {
         if above && let Some(of) = drifts {
             let drift = &state.filters.drift;
             let possible;
-            (whole, above, possible) = without_drift(of, drift, (signals, &state.bias), factor2);
+            (whole, above, possible) =
+                without_drift(of, drift, (signals, &state.bias), factor2, scan.time);
             drifts = drifts.filter(|_| possible);
         }
         let before = state.gate.contact();
@@ -452,7 +454,9 @@ impl Finger {
             Some(_) if !needed => OpticalEstimate::nothing(NoValue::NotEstimated),
             Some(c) => {
                 let (health, bias, method) = (&signals.health, &state.bias, self.point_method);
-                let input = OpticalInput { record, method, c, health, bias, array: &array };
+                let learns = state.grip.learns(*time);
+                let array = &array;
+                let input = OpticalInput { record, method, c, health, bias, array, learns };
                 input.estimate(&mut state.matrix, status)
             }
         };

@@ -9,13 +9,17 @@
 use serde::{Deserialize, Serialize};
 
 use super::{TaxelBias, TaxelLevels};
+use crate::math::{at_least, at_most};
 use crate::scan::{COLS, ROWS, TAXELS};
+use crate::units::Micros;
 
 /// Time over which shares are averaged, in microseconds.
 const WINDOW: u32 = 20_000;
 /// Part of a window's mean that the gain follows.
 const FOLLOWS: f32 = 0.35;
 
+/// Fastest drift of the light in contact, as a share a second: an LED that warms by 0.4 K/s.
+const FASTEST: f32 = 0.002;
 /// Squared part of the gate's threshold that the common share alone may reach.
 const MARGIN: f32 = 0.8;
 
@@ -39,11 +43,13 @@ pub struct Drift {
     /// Mean of the last complete window since a contact. The gain follows it when the next one is
     /// complete, too, because a touch begins below the gate's threshold.
     mean: Option<f32>,
+    /// Begin of the contact.
+    touched: Option<Micros>,
 }
 
 impl Default for Drift {
     fn default() -> Self {
-        Self { gain: 1.0, taken: Dots::default(), sum: 0.0, time: 0, mean: None }
+        Self { gain: 1.0, taken: Dots::default(), sum: 0.0, time: 0, mean: None, touched: None }
     }
 }
 
@@ -77,8 +83,8 @@ impl DriftCompensation {
     /// Takes a drift that alone may exceed the noise of `bias` by a `factor`, given squared, off the
     /// signals. Returns whether the common share is small enough for a drift.
     ///
-    /// While the finger is untouched the drift is the share of the last window: a share that comes
-    /// at once is a touch. Else it is the present share.
+    /// In contact the light can only have drifted for as long as that lasts. While nothing touches
+    /// the gain follows a drift, and a share that it has not followed is a touch.
     #[inline(never)]
     pub(crate) fn remove(
         &self,
@@ -86,16 +92,26 @@ impl DriftCompensation {
         c: &mut TaxelLevels,
         bias: &TaxelBias,
         factor2: f32,
+        now: Micros,
     ) -> bool {
+        let most = match (drift.touched, drift.mean) {
+            (Some(begin), _) => at_most(FASTEST * 1e-6 * now.since(begin) as f32, self.most),
+            (None, Some(_)) => 0.0,
+            (None, None) => self.most,
+        };
+        let seen2 = MARGIN * factor2 * bias.noise * bias.noise;
+        // No level exceeds 1.
+        if most * most <= seen2 {
+            return true;
+        }
         let mut dots = Dots::default();
         dots.add(c, &bias.level);
         let share = dots.share();
         // Not so for a share that is no number.
         let possible = share.abs() <= self.most;
-        let slow = drift.mean.unwrap_or(share);
-        let noise2 = TAXELS as f32 * bias.noise * bias.noise;
-        if possible && slow * slow * dots.squares > MARGIN * factor2 * noise2 {
-            c.iter_mut().zip(&bias.level).for_each(|(c, b)| *c -= slow * b);
+        let share = at_least(at_most(share, most), -most);
+        if possible && share * share * dots.squares > TAXELS as f32 * seen2 {
+            c.iter_mut().zip(&bias.level).for_each(|(c, b)| *c -= share * b);
         }
         possible
     }
@@ -149,8 +165,13 @@ impl Drift {
     }
 
     /// Freezes the gain in contact, and forgets the shares just before it.
-    pub(crate) fn freeze(&mut self) {
-        *self = Self { gain: self.gain, ..Self::default() };
+    pub(crate) fn freeze(&mut self, now: Micros) {
+        *self = Self { gain: self.gain, touched: Some(now), ..Self::default() };
+    }
+
+    /// Tells that the contact has ended.
+    pub(crate) fn release(&mut self) {
+        self.touched = None;
     }
 }
 
@@ -179,11 +200,11 @@ mod tests {
     fn common_share_is_removed_from_a_touch() {
         let drifted = BIAS.level.map(|b| 0.01 * b);
         let mut c = drifted;
-        assert!(DRIFTS.remove(&new(), &mut c, &BIAS, GATE));
+        assert!(DRIFTS.remove(&new(), &mut c, &BIAS, GATE, Micros(0)));
         assert!(c.iter().all(|c| c.abs() < 1e-8), "{c:?}");
         let mut touched = drifted;
         touched[5] -= 0.02;
-        assert!(DRIFTS.remove(&new(), &mut touched, &BIAS, GATE));
+        assert!(DRIFTS.remove(&new(), &mut touched, &BIAS, GATE, Micros(0)));
         assert!((-0.02..-0.018).contains(&touched[5]), "{touched:?}");
     }
 
@@ -192,10 +213,10 @@ mod tests {
         let mut light = [0.0; TAXELS];
         light[5] = -1e-3;
         let whole = light;
-        assert!(DRIFTS.remove(&new(), &mut light, &BIAS, GATE));
+        assert!(DRIFTS.remove(&new(), &mut light, &BIAS, GATE, Micros(0)));
         assert_eq!(light, whole);
-        assert!(!DRIFTS.remove(&new(), &mut BIAS.level.map(|b| 0.06 * b), &BIAS, GATE));
-        assert!(!DRIFTS.remove(&new(), &mut [f32::NAN; TAXELS], &BIAS, GATE));
+        assert!(!DRIFTS.remove(&new(), &mut BIAS.level.map(|b| 0.06 * b), &BIAS, GATE, Micros(0)));
+        assert!(!DRIFTS.remove(&new(), &mut [f32::NAN; TAXELS], &BIAS, GATE, Micros(0)));
     }
 
     #[test]
@@ -203,8 +224,26 @@ mod tests {
         let settled = Drift { mean: Some(1e-4), ..new() };
         let mut wide = BIAS.level.map(|b| -0.004 * b);
         let whole = wide;
-        assert!(DRIFTS.remove(&settled, &mut wide, &BIAS, GATE));
+        assert!(DRIFTS.remove(&settled, &mut wide, &BIAS, GATE, Micros(0)));
         assert_eq!(wide, whole);
+    }
+
+    #[test]
+    fn share_in_contact_is_bounded_by_how_long_that_lasts() {
+        let mut touched = new();
+        touched.freeze(Micros(1_000_000));
+        let left = |touched: &Drift, seconds: u64| {
+            let mut wide = BIAS.level.map(|b| -0.01 * b);
+            let now = Micros(1_000_000 + seconds * 1_000_000);
+            assert!(DRIFTS.remove(touched, &mut wide, &BIAS, GATE, now));
+            wide[0] / BIAS.level[0]
+        };
+        let shares = [0, 2, 4, 100].map(|seconds| left(&touched, seconds));
+        let expected = [-0.01, -0.006, -0.002, 0.0];
+        assert!(shares.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{shares:?}");
+        touched.release();
+        let after = left(&touched, 0);
+        assert!(after.abs() < 1e-6, "what drifted in contact is no touch after it: {after}");
     }
 
     #[test]
@@ -238,7 +277,7 @@ mod tests {
         (0..100).for_each(|_| follow(&mut drift, &BIAS.level.map(|b| 0.01 * b), 3000));
         let gain = drift.gain();
         assert!(gain > 1.0);
-        drift.freeze();
-        assert_eq!(drift, Drift { gain, ..new() });
+        drift.freeze(Micros(7));
+        assert_eq!(drift, Drift { gain, touched: Some(Micros(7)), ..new() });
     }
 }

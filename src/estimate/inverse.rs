@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::field::{Around, Field, Load};
 use super::linearised::{Linearised, Six, UNKNOWNS};
-use crate::math::{at_least, at_most, sqrt};
+use crate::math::{at_least, sqrt};
 use crate::measured::{Measured, NoValue};
 use crate::scan::{COLS, ROWS, TAXEL_CENTRES, TAXELS};
 
@@ -22,19 +22,18 @@ use crate::scan::{COLS, ROWS, TAXEL_CENTRES, TAXELS};
 const FIRST_STEPS: u8 = 3;
 /// Time between scans, in microseconds, that leaves enough for [`FIRST_STEPS`].
 const UNHURRIED_US: u32 = 900;
-/// Hurried fits that keep the linearisation after it was renewed: on the STM32G431 at 4 kHz the mean
-/// of one that renews and two that do not leaves time for the rest of a scan.
-const RESTS: u8 = 2;
 /// Reach of a linearisation with shear: change of s as its share, of x and y in mm, and of the shear
 /// as a share of the normal force.
 ///
 /// Shear and position resemble each other, so that slopes a few per cent off already show as noise
-/// of both. By its own standard deviation the shear moves without a need for other slopes.
+/// of both.
 const REACH: [f32; 3] = [0.015, 0.02, 0.02];
-/// Reach of a linearisation without shear, in reaches with shear.
+/// Normal force in newtons at which a reach is twice as long: noise moves a light contact without a
+/// need for other slopes.
+const LIGHT: f32 = 0.05;
+/// Reach of a linearisation without shear, or with a shear that nobody needs, in reaches of one with
+/// shear.
 pub(super) const PRESSED_REACH: f32 = 6.0;
-/// Reach of a linearisation that is held: 0.4 mm, beyond which steps lead astray.
-const HELD_REACH: f32 = 20.0;
 /// Unknowns of a contact without shear: s, x, y.
 const PRESSED: Range<usize> = 2..5;
 /// Share of a scan's change of shear and friction utilisation by which the next step's start
@@ -140,13 +139,6 @@ pub struct Inverse {
     pub centres: Centres,
 }
 
-/// Standard deviations of s, of the place in mm and of the shear in newtons.
-pub(super) type Unsure = [f32; 3];
-/// Standard deviations of a contact that is known.
-pub(super) const SURE_OF_ALL: Unsure = [0.0; 3];
-/// Most by which a reach grows with the standard deviation of the place, in mm.
-const MORE_PLACE: f32 = 0.03;
-
 /// State of the inverse: the contact of the last scan, and the linearisation near it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct InverseState {
@@ -155,19 +147,12 @@ pub struct InverseState {
     followed: bool,
     /// Whether scans follow too fast for more than a step.
     hurried: bool,
+    /// Whether the next fit's shear and friction utilisation are not needed.
+    coarse: bool,
     /// Fits in a row with a misfit above [`ASTRAY`].
     astray: u8,
     /// Contact of `kept`, and whether it includes shear.
     at: Option<(Load, bool)>,
-    /// How sure the last fit was.
-    unsure: Unsure,
-    /// Whether the next fit keeps the linearisation, and whether the last one renewed it.
-    held: bool,
-    renewed: bool,
-    /// Fits that will keep it because one has just been renewed, and whether the last one was of
-    /// these.
-    rests: u8,
-    rested: bool,
     kept: Linearised,
 }
 
@@ -252,18 +237,11 @@ impl InverseState {
     /// Forgets where the contact is: the search begins again, with a single step.
     pub fn lose(&mut self) {
         (self.last, self.at, self.astray) = (None, None, 0);
-        self.unsure = SURE_OF_ALL;
-        self.interrupt_rest();
     }
 
     /// Tells that the contact may have moved far since the last fit.
     pub fn interrupt(&mut self) {
         self.followed = false;
-        self.interrupt_rest();
-    }
-
-    fn interrupt_rest(&mut self) {
-        (self.held, self.rests, self.rested) = (false, 0, false);
     }
 
     /// Tells that scans come every `period` microseconds, lost ones included.
@@ -273,27 +251,10 @@ impl InverseState {
         self.hurried = period < UNHURRIED_US;
     }
 
-    /// Lets the next fit keep the linearisation if it has one, unless the contact has moved too far:
-    /// the time is another's.
-    pub fn hold(&mut self) {
-        self.held = true;
-    }
-
-    /// Returns whether the last fit renewed the linearisation, which takes most of its time.
-    #[must_use]
-    pub fn renewed(&self) -> bool {
-        self.renewed
-    }
-
-    /// Lets hurried fits keep the linearisation for a while, because a scan's time is spent.
-    pub fn rest(&mut self) {
-        self.rests = RESTS;
-    }
-
-    /// Returns whether the time of this scan or of the last ones is spent.
-    #[must_use]
-    pub fn spent(&self) -> bool {
-        self.renewed || self.rested
+    /// Tells whether shear and friction utilisation of the next fits are needed, or known from
+    /// elsewhere. They are needed until this is called.
+    pub fn need_shear(&mut self, needed: bool) {
+        self.coarse = !needed;
     }
 
     /// Returns whether scans follow too fast for more than a step.
@@ -347,10 +308,6 @@ impl Inverse {
         measured: Option<ShearPrior>,
     ) -> Measured<ContactFit> {
         let steps = if state.searches() && !state.hurried { FIRST_STEPS } else { 1 };
-        state.renewed = false;
-        state.rested = state.hurried && state.rests > 0;
-        state.rests = state.rests.saturating_sub(1);
-        state.held |= state.rested;
         let mut last = state.last;
         if last.is_none() || state.searches() {
             last = self.start(u).map(|start| match last {
@@ -361,7 +318,6 @@ impl Inverse {
         let found = last.as_mut().and_then(|load| {
             (0..steps).fold(None, |_, _| self.step(state, load, u, sheared, measured))
         });
-        state.held = false;
         let sound = found.filter(ContactFit::is_sound);
         match &sound {
             Some(fit) if fit.misfit < ASTRAY => {
@@ -469,12 +425,9 @@ impl Inverse {
         measured: Option<ShearPrior>,
     ) -> Option<ContactFit> {
         let error = self.expected(load.normal());
-        let reach = if sheared { 1.0 } else { PRESSED_REACH };
-        let reached = state.at.is_some_and(|(at, with)| {
-            with == sheared
-                && (load.apart(&at, state.unsure) <= reach
-                    || state.held && load.apart(&at, SURE_OF_ALL) <= HELD_REACH)
-        });
+        let reach = if sheared && !state.coarse { 1.0 } else { PRESSED_REACH };
+        let reached =
+            state.at.is_some_and(|(at, with)| with == sheared && load.apart(&at) <= reach);
         if !sheared {
             load.shear = [0.0; 2];
             load.used = USED[0];
@@ -485,8 +438,6 @@ impl Inverse {
             left
         } else {
             state.at = None;
-            state.renewed = true;
-            state.rest();
             state.kept.weights = weights(load, error, sheared);
             let mut left = *u;
             let slopes = &mut state.kept.slopes;
@@ -519,7 +470,7 @@ impl Inverse {
         }
         let found = load.after(&step);
         // Far from its start a step explains less than its slopes tell.
-        let far = found.apart(load, SURE_OF_ALL) > SMOOTHED;
+        let far = found.apart(load) > SMOOTHED;
         let unexplained = if far { self.left(&found, u, sheared) } else { squares - explained };
         let misfit = misfit(unexplained, error);
         let sure = misfit < SURE && !far;
@@ -533,13 +484,6 @@ impl Inverse {
         };
         let wide = error * misfit.max(1.0);
         let mut sigma = variances.map(|variance| wide * sqrt(variance));
-        let [fx, fy, _, x, y, _] = sigma;
-        // A contact that is still being searched is followed closely.
-        state.unsure = if sure && sheared {
-            [0.0, at_most(at_least(x, y), MORE_PLACE), 0.0]
-        } else {
-            SURE_OF_ALL
-        };
         sigma[2] *= 3.0 * found.size * found.size;
         if !sheared {
             let [x, y, .., used] = &mut sigma;
@@ -585,18 +529,16 @@ impl ShearPrior {
 }
 
 impl Load {
-    /// Returns how far another contact is from this one, in reaches of a linearisation. `unsure`
-    /// standard deviations of s, of the place and of the shear make the reaches longer.
-    pub(super) fn apart(&self, other: &Self, unsure: Unsure) -> f32 {
+    /// Returns how far another contact is from this one, in reaches of a linearisation.
+    pub(super) fn apart(&self, other: &Self) -> f32 {
         let [size, place, shear] = REACH;
-        let [more_size, more_place, more_shear] = unsure;
         let ([x, y], [fx, fy]) = (self.point, self.shear);
         let ([to_x, to_y], [to_fx, to_fy]) = (other.point, other.shear);
-        let size = (self.size - other.size).abs() / (size * other.size + more_size);
-        let place = at_least((x - to_x).abs(), (y - to_y).abs()) / (place + more_place);
-        let shear = at_least((fx - to_fx).abs(), (fy - to_fy).abs())
-            / (shear * other.normal() + more_shear);
-        at_least(at_least(size, place), shear)
+        let size = (self.size - other.size).abs() / (size * other.size);
+        let place = at_least((x - to_x).abs(), (y - to_y).abs()) * (1.0 / place);
+        let normal = other.normal();
+        let shear = at_least((fx - to_fx).abs(), (fy - to_fy).abs()) / (shear * normal);
+        at_least(at_least(size, place), shear) * (normal / (normal + LIGHT))
     }
 
     /// Returns the contact a step of its unknowns f_x, f_y, s, x, y, b away, within their ranges.

@@ -8,15 +8,14 @@
 //! contact now and then.
 
 use super::field::Load;
-use super::inverse::{Inverse, PRESSED_REACH, SURE_OF_ALL, misfit, square, squared};
+use super::inverse::{Inverse, PRESSED_REACH, misfit, square, squared};
 use super::linearised::{Linearised, UNKNOWNS};
 use crate::math::{at_least, cube_root, sqrt};
 use crate::scan::{PITCH, TAXELS};
 
 /// Steps in a scan, if the scans leave time for more than one.
 const STEPS: u8 = 2;
-/// Least steps of a search, and the most before it begins again. A guess in a scan of its own counts
-/// as one.
+/// Least steps of a search, and the most before it begins again.
 const SEARCHED: u8 = 4;
 const SEARCH: u8 = 10;
 /// Least distance of two contacts, in pitches; the matrix cannot separate nearer ones.
@@ -50,8 +49,6 @@ pub struct PairState {
     searched: u8,
     /// Contacts of `kept`.
     at: Option<[Load; 2]>,
-    /// Whether the next step keeps the linearisation.
-    held: bool,
     kept: Linearised,
 }
 
@@ -59,12 +56,6 @@ impl PairState {
     /// Forgets the pair.
     pub fn clear(&mut self) {
         (self.last, self.at) = (None, None);
-    }
-
-    /// Lets the next step keep the linearisation if it has one, however far the pair has moved: the
-    /// time is another's.
-    pub fn hold(&mut self) {
-        self.held = true;
     }
 
     /// Returns whether the pair of the last scan was believed.
@@ -92,13 +83,7 @@ impl Inverse {
             None => {
                 state.searched = 0;
                 state.at = None;
-                let guess = self.first_guess(u)?;
-                if hurried {
-                    // The first step is the next scan's.
-                    (state.last, state.searched) = (Some(guess), 1);
-                    return None;
-                }
-                guess
+                self.first_guess(u)?
             }
         };
         let steps = if hurried { 1 } else { STEPS };
@@ -186,8 +171,7 @@ impl Inverse {
         let (around_a, around_b) = (self.field.around(a), self.field.around(b));
         let error = self.expected(a.normal() + b.normal());
         let mut left = *u;
-        let held = core::mem::take(&mut state.held);
-        if state.at.as_ref().is_some_and(|at| held || apart(loads, at) <= PRESSED_REACH) {
+        if state.at.as_ref().is_some_and(|at| apart(loads, at) <= PRESSED_REACH) {
             around_a.subtract(&mut left, &self.centres.0, false);
             around_b.subtract(&mut left, &self.centres.0, false);
         } else {
@@ -214,7 +198,7 @@ impl Inverse {
 /// Returns how far two pairs are apart, in reaches of a linearisation.
 fn apart(loads: &[Load; 2], others: &[Load; 2]) -> f32 {
     let ([a, b], [to_a, to_b]) = (loads, others);
-    at_least(a.apart(to_a, SURE_OF_ALL), b.apart(to_b, SURE_OF_ALL))
+    at_least(a.apart(to_a), b.apart(to_b))
 }
 
 #[cfg(test)]

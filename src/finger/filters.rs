@@ -10,6 +10,7 @@ use crate::condition::{
 };
 use crate::frame::Status;
 use crate::scan::ROWS;
+use crate::units::Micros;
 
 /// Scans in which a part of the lag and a row of the drift have their turn; the third has none.
 const STRIDE: u8 = 3;
@@ -52,8 +53,8 @@ impl Filters {
     }
 
     /// Freezes the drift in contact.
-    pub(super) fn freeze(&mut self) {
-        self.drift.freeze();
+    pub(super) fn freeze(&mut self, now: Micros) {
+        self.drift.freeze(now);
         self.turn = 0;
     }
 
@@ -96,12 +97,13 @@ pub(super) fn without_drift(
     drift: &Drift,
     (signals, bias): (&mut Signals, &Bias),
     factor2: f32,
+    now: Micros,
 ) -> (Option<TaxelLevels>, bool, bool) {
     let whole = signals.taxels;
     let (Some(c), Some(taxels)) = (&mut signals.taxels, &bias.taxels) else {
         return (whole, true, false);
     };
-    let possible = drifts.remove(drift, c, taxels, factor2);
+    let possible = drifts.remove(drift, c, taxels, factor2, now);
     (whole, bias.exceeded(signals, factor2), possible)
 }
 

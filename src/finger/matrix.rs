@@ -32,16 +32,15 @@ const CENTROID_ERROR: f32 = 0.8;
 /// Gate of the shear model, in multiples of the shear that counts as none ([`UNSEEN_SHEAR`]).
 ///
 /// The gate needs the force sensors. Without them the model always includes shear, because the
-/// misfit of the normal model does not reveal shear: the contact position absorbs it first.
-const SHEAR: Gate = Gate { on: 1.0, off: 0.7, begin_frames: 1, end_frames: 20 };
+/// misfit of the normal model does not reveal shear: the contact position absorbs it first. It waits
+/// for a few scans, because a scan's noise would otherwise open it in every light touch.
+const SHEAR: Gate = Gate { on: 1.0, off: 0.7, begin_frames: 3, end_frames: 20 };
 /// Gate of the search for two contacts; its thresholds are misfits of a single contact.
 const SEVERAL: Gate = Gate { on: 10.0, off: 5.0, begin_frames: 4, end_frames: 20 };
 /// Estimates for which a believed pair is followed alone, and those with a single contact to compare
 /// it with, which needs a few to converge.
 const TRUSTED: u8 = 32;
 const COMPARED: u8 = 4;
-/// Most scans by which a search for two contacts is put off.
-const MOST_OWED: u8 = 6;
 /// Time in microseconds, besides that of a scan, over which a contact is followed from estimate to
 /// estimate; after a longer one it may have moved far.
 const FOLLOWED_US: u32 = 900;
@@ -55,8 +54,9 @@ pub const SKIN_ERROR: f32 = 0.05;
 pub const PLACE_ERROR: f32 = 0.05;
 /// Standard deviation of a contact position in mm from which it is withheld.
 pub const UNSURE_PLACE: f32 = 0.5;
-/// Shear that counts as none: a floor in newtons and a share of the normal force.
-const UNSEEN_SHEAR: [f32; 2] = [0.005, 0.01];
+/// Shear that counts as none: a floor in newtons and a share of the normal force. In the first
+/// milliseconds of a touch the force sensors, whose lag is not yet known, show 6 mN of it.
+const UNSEEN_SHEAR: [f32; 2] = [0.008, 0.01];
 
 /// Least normal force, in newtons, for the force sensors' ratio of shear to normal force.
 const LEAST_FELT: f32 = 0.02;
@@ -72,9 +72,6 @@ pub(super) struct MatrixState {
     single: f32,
     /// Estimates since a believed pair began to be compared with a single contact.
     trusted: u8,
-    /// Scans by which the search for two contacts has been put off; 0 if the next renewed
-    /// linearisation may be the single contact's.
-    owed: u8,
     /// Whether the contact was off the pad, and has not been found on it since.
     off: bool,
     /// Time of the last estimate.
@@ -97,7 +94,7 @@ impl MatrixState {
         self.model.clear();
         self.pair.clear();
         (self.sheared, self.several) = Default::default();
-        (self.trusted, self.off, self.owed) = (0, false, 0);
+        (self.trusted, self.off) = (0, false);
     }
 
     /// Returns whether a pair is believed and followed alone in this scan.
@@ -114,7 +111,7 @@ impl MatrixState {
 pub(super) struct OpticalEstimate {
     pub force: [Measured<Gaussian>; 3],
     pub point: Measured<[Gaussian; 2]>,
-    /// Information on the friction utilisation, if the model ran with shear.
+    /// Information on the friction utilisation, if the model ran with shear and friction learns.
     pub ring: Option<FrictionUtilisation>,
     pub contacts: Measured<[NormalContact; 2]>,
     /// Normalised residual of the model; that of two contacts if it found two.
@@ -142,6 +139,8 @@ pub(super) struct OpticalInput<'s> {
     pub bias: &'s Bias,
     /// Estimate of the force sensors.
     pub array: &'s ArrayEstimate,
+    /// Whether friction learns from the friction utilisation of this scan.
+    pub learns: bool,
 }
 
 impl OpticalInput<'_> {
@@ -235,7 +234,6 @@ impl OpticalInput<'_> {
             }
             // The last single contact is old, and lies between the two.
             state.model.clear();
-            state.owed = 0;
         }
         self.single(model, &u, state, status)
     }
@@ -260,46 +258,27 @@ impl OpticalInput<'_> {
         let new = state.model.searches();
         let touch = if sheared {
             status.insert(Status::RAN_SHEAR);
+            state.model.need_shear(self.learns || array.is_err());
             model.sheared(&mut state.model, u, pull(&array))
         } else {
             model.pressed(&mut state.model, u)
         };
         let touch = match touch {
             Ok(touch) => touch,
-            Err(reason) => {
-                state.owed = 0;
-                return OpticalEstimate::nothing(reason);
-            }
+            Err(reason) => return OpticalEstimate::nothing(reason),
         };
         let squared = touch.misfit * touch.misfit;
         let several = SEVERAL.update(&mut state.several, squared);
         if several {
             status.insert(Status::NOT_SINGLE);
         }
-        let hurried = state.model.hurried();
-        let spent = if hurried { state.model.spent() && state.owed < MOST_OWED } else { new };
         if !several && squared <= SEVERAL.on * SEVERAL.on {
             state.pair.clear();
-            state.owed = 0;
-        } else if spent && !state.pair.believed() {
-            // The search begins while the gate still counts, but not while the single contact takes
-            // the time. After that it takes the time itself.
-            if several {
-                status.insert(Status::RAN_PAIR);
-            }
-            if hurried && (state.model.renewed() || state.owed > 0) {
-                state.owed += 1;
-                state.model.hold();
-            }
-        } else {
-            if hurried && state.model.renewed() {
-                state.pair.hold();
-            } else if !state.pair.believed() {
-                state.model.rest();
-            }
-            state.owed = 0;
+        } else if !new || state.pair.believed() {
+            // The search begins while the gate still counts, but not in the scan of a new contact,
+            // whose own search takes the time of this one.
             state.single = touch.misfit;
-            let pair = model.pair(&mut state.pair, u, touch.misfit, hurried);
+            let pair = model.pair(&mut state.pair, u, touch.misfit, state.model.hurried());
             if several {
                 status.insert(Status::RAN_PAIR);
                 if let Some(pair) = pair {
@@ -316,7 +295,8 @@ impl OpticalInput<'_> {
         if state.off {
             return OpticalEstimate::nothing(NoValue::IllConditioned);
         }
-        one(&touch, sheared, model.shear)
+        let ring = (sheared && self.learns).then_some(touch.ring);
+        OpticalEstimate { ring, ..one(&touch, sheared, model.shear) }
     }
 }
 
@@ -349,7 +329,7 @@ fn one(touch: &ContactFit, sheared: bool, shear: bool) -> OpticalEstimate {
     OpticalEstimate {
         force: [x, y, Ok(of(fz, sz + SKIN_ERROR * fz))],
         point: if known { Ok(place) } else { Err(NoValue::IllConditioned) },
-        ring: sheared.then_some(touch.ring),
+        ring: None,
         contacts: Err(NoValue::NotEstimated),
         misfit: Ok(touch.misfit),
     }

@@ -17,6 +17,9 @@ use crate::units::{Micros, NewtonMillimetres};
 const TORSION_SIGMAS: f32 = 3.0;
 /// Time after an estimate in microseconds at which the next one is due even if no frame is.
 const TURN_US: u32 = 1_400;
+/// Time in microseconds after which friction learns again from the friction utilisation. That needs a
+/// new linearisation of the skin's model in most scans, for which faster ones leave no time.
+const LEARN_US: u32 = 900;
 /// Longest time between two estimates in seconds: friction learns nothing from a gap.
 const LONGEST: f32 = 0.01;
 
@@ -28,6 +31,8 @@ pub(super) struct GripState {
     vibration: VibrationDetector,
     /// Time of the last estimate, or of the beginning of the contact.
     judged: Micros,
+    /// Time of the last estimate that learned from the matrix.
+    learned: Micros,
 }
 
 /// Inputs of the slip estimator for one scan.
@@ -63,6 +68,11 @@ impl GripState {
         now.since(self.judged) >= TURN_US
     }
 
+    /// Returns whether friction learns from the friction utilisation that the matrix sees now.
+    pub(super) fn learns(&self, now: Micros) -> bool {
+        now.since(self.learned) >= LEARN_US
+    }
+
     /// Resets slip and gross slip when contact ends.
     pub(super) fn release(&mut self) {
         self.slip.release();
@@ -80,6 +90,9 @@ impl Grip<'_> {
     ) -> Measured<Verdict> {
         let elapsed = at_most(1e-6 * self.time.since(state.judged) as f32, LONGEST);
         state.judged = self.time;
+        if self.optical.ring.is_some() {
+            state.learned = self.time;
+        }
         let [x, y, z] = self.fused.force;
         let (x, y, z) = (x?, y?, z?);
         let torsion = self.torsion.map_or(0.0, |torsion| torsion.0);

@@ -60,10 +60,10 @@ fn aged(mut samples: Vec<Sample>) -> Vec<Sample> {
 
 /// Fits the calibration of the young device.
 pub fn fitted() -> Calibration {
-    let act = presses(245, [0.0, 0.99], 2.0);
+    let act = presses(445, [0.0, 0.99], 2.0);
     let net = NetOptions { seed: 0, starts: 1, steps: 80 };
     let options = FitOptions { subject: Subject::Finger, net, ..FitOptions::default() };
-    let recordings = [recording(run(DEVICE, 1, 500, 50.0, FRICTION, &act))];
+    let recordings = [recording(run(DEVICE, 1, 500, 90.0, FRICTION, &act))];
     let fitted = fit(&recordings, &options, &mut |_| {}, &AtomicBool::new(false)).unwrap();
     assert!(fitted.calibration.model.is_some(), "{:?}", fitted.warnings);
     // The sensors would help, but this test is about ageing taxels.

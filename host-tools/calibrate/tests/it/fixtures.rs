@@ -91,13 +91,14 @@ fn compare(Fixture { name, device, fit }: &Fixture) {
     );
 }
 
-/// Refits too long for the quick profile.
+/// Refits too long for the quick profile. One command writes all records: two of its devices tell
+/// whether they are of another fit.
 mod endurance {
     use super::{check, judged, warm};
 
     #[test]
-    fn judged_record_matches_fit() {
-        check(&[judged(11)]);
+    fn judged_records_match_fit() {
+        check(&[11, 20].map(judged));
     }
 
     #[test]
@@ -111,7 +112,7 @@ mod nightly {
 
     #[test]
     fn all_judged_records_match_fit() {
-        check(&[12, 13, 14, 15, 17, 18, 19, 20, 21, 22].map(judged));
+        check(&[12, 13, 14, 15, 17, 18, 19, 21, 22].map(judged));
         check(&[aged()]);
     }
 }

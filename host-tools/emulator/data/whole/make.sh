@@ -12,13 +12,16 @@ for scene in presses shear tour two-contacts warm-up; do
   sed '/"temperature",/d; s/^effects = \[/effects = ["temperature",/' "$scenes/$scene.toml" > $scene.toml
 done
 reference --scene presses.toml --seed 1 --out presses.csv
-reference --scene shear.toml --seed 2 --out shear.csv
+reference --scene shear.toml --seed 2 --out fit.csv
 reference --scene warm-up.toml --seed 3 --out warm-up.csv
-taxel calibrate fit --data presses.csv --data shear.csv --data warm-up.csv --serial VIRTUAL-4X4 --out finger.cal.toml
+taxel calibrate fit --data presses.csv --data fit.csv --data warm-up.csv --serial VIRTUAL-4X4 --out finger.cal.toml
 
-# The runs are at the product's rate of scans.
-sed -i 's/^rate_hz = .*/rate_hz = 4000/' tour.toml two-contacts.toml
+# The runs are at the product's rate of scans, and each begins untouched: no finger meets a force within a scan.
+sed -i 's/^rate_hz = .*/rate_hz = 4000/' tour.toml shear.toml two-contacts.toml
+sed -i 's/^duration_s = .*/duration_s = 2/; s/^presses = .*/presses = 4/' shear.toml
+sed -i 's/^at_s = 0.8/at_s = 0.55/' two-contacts.toml      # the second comes while the first still grows
 reference --scene tour.toml --out tour.csv
+reference --scene shear.toml --seed 1 --out sheared.csv
 reference --scene two-contacts.toml --out two.csv
 # From one microsecond to before another, without the truth but for `contact`.
 stretch() {
@@ -29,8 +32,8 @@ stretch() {
 }
 stretch tour.csv 0 32000 > no-contact.csv
 stretch tour.csv 3520000 3648000 > normal-contact.csv
-stretch tour.csv 4060000 4188000 > shear.csv               # the finger meets it sheared: the dearest begin
-stretch two.csv 760000 928000 > two-contacts.csv           # one is there when the other comes
+stretch sheared.csv 1220000 1380000 > shear.csv            # to 2 N and 1 N of shear, and back, in 150 ms
+stretch two.csv 510000 710000 > two-contacts.csv
 
-rm tour.csv two.csv presses.csv warm-up.csv
+rm fit.csv tour.csv sheared.csv two.csv presses.csv warm-up.csv
 pwd

@@ -1,16 +1,26 @@
-//! Tests that each recorded run stays in its kind of scene once that has begun.
+//! Tests that nine tenths of each recorded run are of its kind of scene once that has begun.
 
 use std::path::PathBuf;
 
-use cycles::kinds::KINDS;
+use cycles::kinds::{KINDS, Kind};
 use taxel::finger::Finger;
 use taxel::frame::Status;
+use taxel::scan::Scan;
+use taxel::units::Micros;
 use taxel_files::trace::TraceReader;
 
 use crate::support::repository;
 
+/// Scans without contact before a run.
+const UNTOUCHED: usize = 880;
+
 fn whole() -> PathBuf {
     repository().join("host-tools/emulator/data/whole")
+}
+
+fn scans(kind: &Kind) -> Vec<Scan> {
+    let path = whole().join(kind.name.replace(' ', "-")).with_extension("csv");
+    TraceReader::open(&path).unwrap().map(|sample| sample.unwrap().scan).collect()
 }
 
 #[test]
@@ -29,16 +39,28 @@ fn run_keeps_its_kind_of_scene() {
     ];
     assert_eq!(sections, [true; 9]);
     let finger = Finger::new(Some(record)).0;
-    for kind in KINDS {
-        let path = whole().join(kind.name.replace(' ', "-")).with_extension("csv");
+    let nothing = scans(&KINDS[0]);
+    // The filters follow in turns while nothing touches: a touch comes in any of these.
+    for (kind, late) in KINDS.iter().flat_map(|kind| (0..12).map(move |late| (kind, late))) {
+        let untouched = nothing.iter().cycle().copied().take(UNTOUCHED + late);
+        let times = (0..).map(|i| Micros(250 * i));
         let mut state = finger.restarted();
-        let statuses: Vec<Status> = TraceReader::open(&path)
-            .unwrap()
-            .map(|sample| finger.estimate(&mut state, &sample.unwrap().scan).status)
+        let statuses: Vec<Status> = untouched
+            .chain(scans(kind))
+            .zip(times)
+            .map(|(scan, time)| finger.estimate(&mut state, &Scan { time, ..scan }).status)
+            .skip(UNTOUCHED + late)
             .collect();
         let of_kind: Vec<_> = statuses.iter().skip_while(|status| !kind.holds(**status)).collect();
         assert!(of_kind.len() >= 32, "{}: {} scans", kind.name, of_kind.len());
-        assert!(of_kind.iter().all(|status| kind.holds(**status)), "{}: {statuses:?}", kind.name);
+        // A contact that is let go needs less at its end.
+        let others = of_kind.iter().filter(|status| !kind.holds(***status)).count();
+        assert!(
+            others * 10 <= of_kind.len(),
+            "{}, {late}: {others} of {}",
+            kind.name,
+            of_kind.len()
+        );
         // Every run uses temperature compensation, and every contact the slip detector.
         let all = if kind.name == "no contact" { Status(0) } else { Status::RAN_SLIP };
         let all = all | Status::RAN_WARMTH | Status::RAN_SENSORS;
