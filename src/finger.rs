@@ -454,7 +454,7 @@ impl Finger {
             Some(_) if !needed => OpticalEstimate::nothing(NoValue::NotEstimated),
             Some(c) => {
                 let (health, bias, method) = (&signals.health, &state.bias, self.point_method);
-                let learns = state.grip.learns(*time);
+                let learns = slip.is_ok() && state.grip.learns(*time);
                 let array = &array;
                 let input = OpticalInput { record, method, c, health, bias, array, learns };
                 input.estimate(&mut state.matrix, status)

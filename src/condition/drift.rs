@@ -81,10 +81,11 @@ impl DriftCompensation {
     }
 
     /// Takes a drift that alone may exceed the noise of `bias` by a `factor`, given squared, off the
-    /// signals. Returns whether the common share is small enough for a drift.
+    /// signals. Returns false if the common share is too large for a drift.
     ///
-    /// In contact the light can only have drifted for as long as that lasts. While nothing touches
-    /// the gain follows a drift, and a share that it has not followed is a touch.
+    /// While nothing touches that is at most the share of the last window, which the gain has not
+    /// followed yet: more that comes at once is a touch. In contact the light can only have drifted
+    /// for as long as that lasts.
     #[inline(never)]
     pub(crate) fn remove(
         &self,
@@ -95,9 +96,9 @@ impl DriftCompensation {
         now: Micros,
     ) -> bool {
         let most = match (drift.touched, drift.mean) {
-            (Some(begin), _) => at_most(FASTEST * 1e-6 * now.since(begin) as f32, self.most),
-            (None, Some(_)) => 0.0,
-            (None, None) => self.most,
+            (_, None) => self.most,
+            (None, Some(mean)) => mean.abs(),
+            (Some(begin), Some(mean)) => mean.abs() + FASTEST * 1e-6 * now.since(begin) as f32,
         };
         let seen2 = MARGIN * factor2 * bias.noise * bias.noise;
         // No level exceeds 1.
@@ -164,14 +165,15 @@ impl Drift {
         self.gain
     }
 
-    /// Freezes the gain in contact, and forgets the shares just before it.
+    /// Freezes the gain in a contact that begins now.
     pub(crate) fn freeze(&mut self, now: Micros) {
-        *self = Self { gain: self.gain, touched: Some(now), ..Self::default() };
+        let Self { gain, mean, .. } = *self;
+        *self = Self { gain, mean, touched: Some(now), ..Self::default() };
     }
 
-    /// Tells that the contact has ended.
+    /// Forgets the shares when the contact ends.
     pub(crate) fn release(&mut self) {
-        self.touched = None;
+        *self = Self { gain: self.gain, ..Self::default() };
     }
 }
 
@@ -230,7 +232,7 @@ mod tests {
 
     #[test]
     fn share_in_contact_is_bounded_by_how_long_that_lasts() {
-        let mut touched = new();
+        let mut touched = Drift { mean: Some(0.0), ..new() };
         touched.freeze(Micros(1_000_000));
         let left = |touched: &Drift, seconds: u64| {
             let mut wide = BIAS.level.map(|b| -0.01 * b);
@@ -272,12 +274,15 @@ mod tests {
     }
 
     #[test]
-    fn contact_freezes_the_gain_and_forgets_the_last_shares() {
+    fn contact_freezes_the_gain_and_its_end_forgets_the_last_share() {
         let mut drift = Drift::default();
         (0..100).for_each(|_| follow(&mut drift, &BIAS.level.map(|b| 0.01 * b), 3000));
         let gain = drift.gain();
         assert!(gain > 1.0);
+        let mean = drift.mean;
         drift.freeze(Micros(7));
-        assert_eq!(drift, Drift { gain, touched: Some(Micros(7)), ..new() });
+        assert_eq!(drift, Drift { gain, mean, touched: Some(Micros(7)), ..new() });
+        drift.release();
+        assert_eq!(drift, Drift { gain, ..new() });
     }
 }

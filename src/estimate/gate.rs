@@ -14,8 +14,8 @@ const AT_ONCE: f32 = 2.0;
 /// Contact gate: thresholds on the signals' root mean square, in units of their noise.
 ///
 /// The root mean square of 16 noisy taxels is 1 ± 0.18, so that noise alone does not reach 8. The
-/// margin is for slow drift. On the reference fingertip 8 corresponds to 10 to 15 mN in the middle
-/// of the pad.
+/// margin is for slow drift. On the reference fingertip 8 corresponds to 15 mN in the middle of the
+/// pad.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Gate {
     /// Threshold above which contact begins.

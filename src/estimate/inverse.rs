@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::field::{Around, Field, Load};
 use super::linearised::{Linearised, Six, UNKNOWNS};
-use crate::math::{at_least, sqrt};
+use crate::math::{at_least, at_most, sqrt};
 use crate::measured::{Measured, NoValue};
 use crate::scan::{COLS, ROWS, TAXEL_CENTRES, TAXELS};
 
@@ -28,8 +28,8 @@ const UNHURRIED_US: u32 = 900;
 /// Shear and position resemble each other, so that slopes a few per cent off already show as noise
 /// of both.
 const REACH: [f32; 3] = [0.015, 0.02, 0.02];
-/// Normal force in newtons at which a reach is twice as long: noise moves a light contact without a
-/// need for other slopes.
+/// Normal force in newtons at which the reach with shear is twice as long: noise moves a light contact
+/// without a need for other slopes.
 const LIGHT: f32 = 0.05;
 /// Reach of a linearisation without shear, or with a shear that nobody needs, in reaches of one with
 /// shear.
@@ -425,7 +425,8 @@ impl Inverse {
         measured: Option<ShearPrior>,
     ) -> Option<ContactFit> {
         let error = self.expected(load.normal());
-        let reach = if sheared && !state.coarse { 1.0 } else { PRESSED_REACH };
+        let light = at_most(1.0 + LIGHT / load.normal(), PRESSED_REACH);
+        let reach = if sheared && !state.coarse { light } else { PRESSED_REACH };
         let reached =
             state.at.is_some_and(|(at, with)| with == sheared && load.apart(&at) <= reach);
         if !sheared {
@@ -536,9 +537,8 @@ impl Load {
         let ([to_x, to_y], [to_fx, to_fy]) = (other.point, other.shear);
         let size = (self.size - other.size).abs() / (size * other.size);
         let place = at_least((x - to_x).abs(), (y - to_y).abs()) * (1.0 / place);
-        let normal = other.normal();
-        let shear = at_least((fx - to_fx).abs(), (fy - to_fy).abs()) / (shear * normal);
-        at_least(at_least(size, place), shear) * (normal / (normal + LIGHT))
+        let shear = at_least((fx - to_fx).abs(), (fy - to_fy).abs()) / (shear * other.normal());
+        at_least(at_least(size, place), shear)
     }
 
     /// Returns the contact a step of its unknowns f_x, f_y, s, x, y, b away, within their ranges.

@@ -77,6 +77,8 @@ pub struct SlipState {
     load: f32,
     /// Whether a warning is active.
     warned: bool,
+    /// Seconds since the last friction utilisation, at most [`NEW_AFTER`].
+    unlearned: f32,
 }
 
 /// Slip estimate of a contact.
@@ -123,7 +125,7 @@ const FRICTION: [f32; 2] = [0.05, 2.0];
 impl SlipState {
     /// Ends the contact. Friction stays known, less surely, because the next object may be another.
     pub fn release(&mut self) {
-        (self.load, self.warned) = (0.0, false);
+        (self.load, self.warned, self.unlearned) = (0.0, false, 0.0);
         if let Some([_, variance]) = &mut self.known {
             *variance += NEXT_CONTACT;
         }
@@ -156,9 +158,12 @@ impl Slip {
         let shear = sqrt(fx * fx + fy * fy);
         let ratio = at_most(shear / normal, FRICTION[1]);
         let surely = shear - NOISE * sigma[0];
+        state.unlearned = at_most(state.unlearned + elapsed, NEW_AFTER);
+        let taught = if ring.is_some() { core::mem::take(&mut state.unlearned) } else { 0.0 };
         let ring = ring.filter(|_| surely > 0.0 && !slides).unwrap_or_default();
         let noise = at_most(sigma[0] / at_least(shear, f32::MIN_POSITIVE), 1.0);
-        let inverse = self.learn(state, [ratio, surely / normal, noise], ring, slides, elapsed);
+        let inverse =
+            self.learn(state, [ratio, surely / normal, noise], ring, slides, [elapsed, taught]);
         let friction = 1.0 / inverse;
         let turning = at_least(torsion.abs() - sigma[1], 0.0) * self.surface.own_share(normal, arm);
         let pulled = at_least(shear - sigma[0], 0.0);
@@ -172,26 +177,27 @@ impl Slip {
     }
 
     /// Updates and returns 1/μ. `ratio` is shear over normal force, `held` the part of it beyond
-    /// noise, and `noise` the noise over the shear.
+    /// noise, and `noise` the noise over the shear. Seconds have `elapsed` since the last estimate, and
+    /// the last that `taught` a friction utilisation.
     fn learn(
         &self,
         state: &mut SlipState,
         [ratio, held, noise]: [f32; 3],
         ring: FrictionUtilisation,
         slides: bool,
-        elapsed: f32,
+        [elapsed, taught]: [f32; 2],
     ) -> f32 {
         let [usual, spread] = self.usual;
         let start = [1.0 / usual.clamp(FRICTION[0], FRICTION[1]), spread * spread];
         let [mut inverse, variance] = state.known.unwrap_or(start);
         let variance = at_most(variance + WANDER * elapsed, spread * spread);
-        let new = at_most(elapsed / NEW_AFTER, 1.0);
         let seen = if slides && ratio > FRICTION[0] {
+            let new = at_most(elapsed / NEW_AFTER, 1.0);
             let weight = new / (SLIDE_ERROR * SLIDE_ERROR);
             FrictionUtilisation { weight, moment: weight * (1.0 + LENGTHENED * noise * noise) }
         } else {
             let known = (start[1] - variance) / (start[1] * variance * ratio * ratio);
-            ring.beside(known, NEW * new)
+            ring.beside(known, NEW * (taught / NEW_AFTER))
         };
         // b = F_t/F_n · 1/μ is linear in 1/μ: one Kalman step.
         let variance = variance / (1.0 + ratio * ratio * variance * seen.weight);

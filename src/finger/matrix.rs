@@ -33,7 +33,7 @@ const CENTROID_ERROR: f32 = 0.8;
 ///
 /// The gate needs the force sensors. Without them the model always includes shear, because the
 /// misfit of the normal model does not reveal shear: the contact position absorbs it first. It waits
-/// for a few scans, because a scan's noise would otherwise open it in every light touch.
+/// for a few estimates, because a scan's noise would otherwise open it in every light touch.
 const SHEAR: Gate = Gate { on: 1.0, off: 0.7, begin_frames: 3, end_frames: 20 };
 /// Gate of the search for two contacts; its thresholds are misfits of a single contact.
 const SEVERAL: Gate = Gate { on: 10.0, off: 5.0, begin_frames: 4, end_frames: 20 };

@@ -59,7 +59,8 @@ impl GripState {
 
     /// Prepares for a contact that begins now.
     pub(super) fn begin(&mut self, now: Micros) {
-        self.judged = now;
+        // The clock may have begun again.
+        (self.judged, self.learned) = (now, Micros(0));
     }
 
     /// Returns whether slip must be estimated even if no frame is due: in contact, about once in a

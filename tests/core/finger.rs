@@ -3,7 +3,7 @@
 use crate::common;
 use crate::common::{LIT, calibration, everything, pressed, unloaded};
 use taxel::calibration::Calibration;
-use taxel::condition::{LowPass, PER_KELVIN};
+use taxel::condition::{DriftCompensation, LowPass, PER_KELVIN};
 use taxel::estimate::Force;
 use taxel::estimate::contact_point::PointMethod;
 use taxel::estimate::inverse::Inverse;
@@ -11,7 +11,7 @@ use taxel::estimate::quantised::{Net, QuantisedNet};
 use taxel::finger::{Estimate, Finger, FingerState};
 use taxel::frame::Status;
 use taxel::measured::NoValue;
-use taxel::scan::Scan;
+use taxel::scan::{Scan, TaxelCodes};
 use taxel::units::{Code, Newtons};
 
 fn calibrated() -> (Finger, FingerState) {
@@ -308,4 +308,52 @@ fn force_sensor_gain_follows_temperature() {
     let (cold, warm) = (force(0.0), force(warmer * 65_535.0));
     assert!(cold.abs() > 1e-3, "{cold}");
     assert!((warm / cold - gain).abs() < 1e-3, "{warm} {cold} {gain}");
+}
+
+/// Share of scans in contact over `seconds`, in which the light is what `light` says of the second.
+/// From the second `touched.start` on a taxel is pressed, until `touched.end`.
+fn contacts(seconds: u64, touched: core::ops::Range<f32>, light: impl Fn(f32) -> f32) -> f32 {
+    let drift = Some(DriftCompensation { most: 0.05 });
+    let (finger, mut state) = Finger::new(Some(Calibration { drift, ..calibration() }));
+    let mut judged = [0.0; 2];
+    for i in 0..seconds * 1000 {
+        let second = i as f32 / 1000.0;
+        let is_touched = touched.contains(&second);
+        let mut scan = pressed(1000 * i, 6, if is_touched { 6_554 } else { 0 });
+        let TaxelCodes { lit, dark } = scan.codes.taxels.as_mut().unwrap();
+        // A code that never changes is a fault.
+        let noise = (i % 3) as f32;
+        for code in lit.as_flattened_mut() {
+            let dark = f32::from(dark[0].0);
+            code.0 = (dark + (f32::from(code.0) - dark) * light(second) + noise) as u16;
+        }
+        let estimate = finger.estimate(&mut state, &scan);
+        assert!(
+            !is_touched
+                || second < touched.start + 0.1
+                || estimate.status.contains(Status::CONTACT)
+        );
+        if second > touched.end + 0.5 || touched.is_empty() {
+            judged[0] += 1.0;
+            judged[1] += f32::from(u8::from(estimate.status.contains(Status::CONTACT)));
+        }
+    }
+    judged[1] / judged[0]
+}
+
+#[test]
+fn light_that_drifts_is_no_touch() {
+    let none = 0.0..0.0;
+    for share in [0.99, 1.01, 0.96] {
+        let felt = contacts(4, none.clone(), |_| share);
+        assert!(
+            felt < 0.005,
+            "{share} of the light from the begin: {felt} of the scans in contact"
+        );
+    }
+    let felt = contacts(10, none.clone(), |second| 1.0 - 0.004 * second);
+    assert_eq!(felt, 0.0, "0.4 % a second");
+    // The light falls while the finger is touched, as fast as is assumed at most.
+    let felt = contacts(10, 1.0..6.0, |second| 1.0 - 0.0018 * (second - 1.0).clamp(0.0, 5.0));
+    assert_eq!(felt, 0.0, "0.9 % in a touch of 5 s");
 }

@@ -136,7 +136,7 @@ fn g431_streams_at_4_khz_without_loss() {
 
 #[test]
 fn g431_scans_untouched_at_8_khz_in_four_fifths_of_its_time() {
-    holds(G431, Some(EIGHT_KHZ), 4000, [(0.8, 0), (1.0, 0), (1.0, 60), (1.0, 60)]);
+    holds(G431, Some(EIGHT_KHZ), 4000, [(0.8, 0), (1.0, 0), (1.0, 80), (1.0, 60)]);
 }
 
 #[test]

@@ -99,8 +99,8 @@ fn scene_costs_quote_cycles_csv() {
         let mean =
             |row: &_| (number(row, "mean_cycles_low") + number(row, "mean_cycles_high")) / 2e3;
         let (often, seldom) = (row("estimates"), row(seldom));
-        let figures =
-            format!("| {:.1}k | {:.1}k | {:.1}k |", mean(seldom), mean(often), cycles(often) / 1e3);
+        let worst = cycles(often).max(cycles(seldom)) / 1e3;
+        let figures = format!("| {:.1}k | {:.1}k | {worst:.1}k |", mean(seldom), mean(often));
         let line = PAGE.lines().find(|line| line.starts_with(&format!("| {kind} | ")));
         let line = line.unwrap_or_else(|| panic!("docs/accuracy.md has no row `{kind}`"));
         assert!(line.ends_with(&figures), "docs/accuracy.md: {line}\nshould end: {figures}");

@@ -143,8 +143,12 @@ fn methods() -> Result<String> {
         rows.push(format!("| {have} | {need} | {method} | {cost} | {ideal} | {real} |"));
     }
     let cycles = Csv::read(CYCLES)?;
-    let two = [("name", "finger: two contacts, estimates")];
-    let two = (cycles.mean(&two, "cycles_low")? + cycles.mean(&two, "cycles_high")?) / 2e3;
+    let mut two = 0.0;
+    for frames in ["estimates", "frames at 1 kHz"] {
+        let name = format!("finger: two contacts, {frames}");
+        let of = |column| cycles.mean(&[("name", &name)], column);
+        two = f64::max(two, (of("cycles_low")? + of("cycles_high")?) / 2e3);
+    }
     let found = |column| {
         cell("docs/accuracy.md", "Specification", "two contacts two pitches apart, found", column)
     };
@@ -220,7 +224,7 @@ fn chips() -> Result<String> {
         ))
     };
     Ok(lines([
-        "| scene | STM32G431, frames at 4 kHz: core awake | scans lost in 0.13 s | STM32F411, frames at 1 kHz: core awake | scans lost in 0.13 s |".to_owned(),
+        "| scene | STM32G431, frames at 4 kHz: core awake | scans lost in 0.13 to 0.2 s | STM32F411, frames at 1 kHz: core awake | scans lost in 0.13 to 0.2 s |".to_owned(),
         "|---|---|---|---|---|".to_owned(),
         row("no contact")?,
         row("normal contact")?,
