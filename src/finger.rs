@@ -10,8 +10,9 @@
 //! other gives the result alone. The status names the estimators that ran.
 //!
 //! Not every scan needs every step ([`Wanted`]). Conditioning but for the lag, gate and vibration
-//! detector run in each. Forces and slip run if a frame is due, and slip about once in a millisecond in any case.
-//! The matrix then runs if the frames carry a field that needs it, or if the array knows no force.
+//! detector run in each. Forces and slip run if a frame is due, and slip about once in a millisecond
+//! in any case. The matrix then runs if the frames carry a field that needs it, or if the array knows
+//! no force.
 
 mod filters;
 mod fusion;

@@ -177,8 +177,8 @@ impl Slip {
     }
 
     /// Updates and returns 1/μ. `ratio` is shear over normal force, `held` the part of it beyond
-    /// noise, and `noise` the noise over the shear. Seconds have `elapsed` since the last estimate, and
-    /// the last that `taught` a friction utilisation.
+    /// noise, and `noise` the noise over the shear. The last estimate was `elapsed` seconds ago; `ring` is
+    /// new over `taught` seconds.
     fn learn(
         &self,
         state: &mut SlipState,

@@ -311,7 +311,7 @@ fn force_sensor_gain_follows_temperature() {
 }
 
 /// Share of scans in contact over `seconds`, in which the light is what `light` says of the second.
-/// From the second `touched.start` on a taxel is pressed, until `touched.end`.
+/// A taxel is pressed in the seconds `touched`; scans count from half a second after them.
 fn contacts(seconds: u64, touched: core::ops::Range<f32>, light: impl Fn(f32) -> f32) -> f32 {
     let drift = Some(DriftCompensation { most: 0.05 });
     let (finger, mut state) = Finger::new(Some(Calibration { drift, ..calibration() }));

@@ -2,6 +2,12 @@
 
 use taxel::frame::Status;
 
+/// Time between two scans of the recorded runs, in microseconds.
+pub const PERIOD: u64 = 250;
+/// Scans without contact before a run, more than the vibration detector needs to learn its noise
+/// floor.
+pub const UNTOUCHED: usize = 880;
+
 /// Kind of scene.
 pub struct Kind {
     /// Name of the kind.

@@ -11,12 +11,7 @@ use taxel::wire::message::Command;
 use super::frame::{Packet, instrument, whole};
 use crate::Meter;
 use crate::host::{Whole, scans};
-use crate::kinds::{KINDS, Kind};
-
-/// Time between two scans of the runs, microseconds.
-const PERIOD: u64 = 250;
-/// Scans without contact, more than the vibration detector needs to learn its noise floor.
-const UNTOUCHED: usize = 880;
+use crate::kinds::{KINDS, Kind, PERIOD, UNTOUCHED};
 
 /// Scans without contact, then the run.
 fn scene<'a>(nothing: &'a [u8], run: &'a [u8]) -> impl Iterator<Item = Scan> + Clone + use<'a> {

@@ -1,31 +1,16 @@
 //! Tests that nine tenths of each recorded run are of its kind of scene once that has begun.
 
-use std::path::PathBuf;
-
-use cycles::kinds::{KINDS, Kind};
+use cycles::kinds::{KINDS, PERIOD, UNTOUCHED};
 use taxel::finger::Finger;
 use taxel::frame::Status;
 use taxel::scan::Scan;
 use taxel::units::Micros;
-use taxel_files::trace::TraceReader;
 
-use crate::support::repository;
-
-/// Scans without contact before a run.
-const UNTOUCHED: usize = 880;
-
-fn whole() -> PathBuf {
-    repository().join("host-tools/emulator/data/whole")
-}
-
-fn scans(kind: &Kind) -> Vec<Scan> {
-    let path = whole().join(kind.name.replace(' ', "-")).with_extension("csv");
-    TraceReader::open(&path).unwrap().map(|sample| sample.unwrap().scan).collect()
-}
+use crate::load::{calibration, scans};
 
 #[test]
 fn run_keeps_its_kind_of_scene() {
-    let record = taxel_files::calibration::read(whole().join("finger.cal.toml")).unwrap();
+    let record = calibration();
     let sections = [
         record.taxels.is_some(),
         record.net.is_some(),
@@ -39,11 +24,11 @@ fn run_keeps_its_kind_of_scene() {
     ];
     assert_eq!(sections, [true; 9]);
     let finger = Finger::new(Some(record)).0;
-    let nothing = scans(&KINDS[0]);
+    let nothing: Vec<Scan> = scans(&KINDS[0]).collect();
     // The filters follow in turns while nothing touches: a touch comes in any of these.
     for (kind, late) in KINDS.iter().flat_map(|kind| (0..12).map(move |late| (kind, late))) {
         let untouched = nothing.iter().cycle().copied().take(UNTOUCHED + late);
-        let times = (0..).map(|i| Micros(250 * i));
+        let times = (0..).map(|i| Micros(PERIOD * i));
         let mut state = finger.restarted();
         let statuses: Vec<Status> = untouched
             .chain(scans(kind))

@@ -3,11 +3,13 @@
 //! The record of the reference finger's default fit is in the finger. Each scene is the recorded run
 //! of its kind after a stretch without contact.
 
-use cycles::kinds::{KINDS, Kind};
+use std::path::PathBuf;
+
+use cycles::kinds::{KINDS, Kind, PERIOD, UNTOUCHED};
 use scan_plan::settle;
-use taxel::calibration::MAX_BYTES;
+use taxel::calibration::{Calibration, MAX_BYTES};
 use taxel::frame::{Fields, Frame};
-use taxel::scan::{Codes, ScanSettings};
+use taxel::scan::{Codes, Scan, ScanSettings};
 use taxel::units::FullScale;
 use taxel::wire::deframer::Deframer;
 use taxel::wire::message::{Command, Counters, Message};
@@ -22,31 +24,38 @@ use taxel_emulator::board::time::{HZ, Tick, micros};
 use crate::page;
 use crate::support::{self, info, name, repository};
 
-/// Scans without contact before a run, enough for the vibration detector to learn its noise floor.
-const UNTOUCHED: usize = 880;
 /// Time over which a load is averaged: 40 scans at 4 kHz.
 const WINDOW: Tick = micros(10_000);
-/// Rate of the recorded scans.
-const RECORDED_HZ: u64 = 4000;
 /// Settings for 8 kHz: two samples a reading, and the settle time of the board's load.
 pub const EIGHT_KHZ: ScanSettings =
     ScanSettings { scan_hz: 8000, oversampling: 2, settle_ns: settle::ON_LOAD_NS };
 
+/// Path of the calibration and of the recorded runs.
+fn whole() -> PathBuf {
+    repository().join("host-tools/emulator/data/whole")
+}
+
+/// Record of the reference finger's default fit.
+pub fn calibration() -> Calibration {
+    taxel_files::calibration::read(whole().join("finger.cal.toml")).unwrap()
+}
+
+/// Recorded scans of a kind of scene.
+pub fn scans(kind: &Kind) -> impl Iterator<Item = Scan> + use<> {
+    let path = whole().join(kind.name.replace(' ', "-")).with_extension("csv");
+    TraceReader::open(&path).unwrap().map(|sample| sample.unwrap().scan)
+}
+
 /// Recorded scans of a kind of scene, in codes of 12 bits.
 pub fn run(kind: &Kind) -> Vec<Codes> {
-    let whole = repository().join("host-tools/emulator/data/whole");
-    let path = whole.join(kind.name.replace(' ', "-")).with_extension("csv");
-    let scans = TraceReader::open(&path).unwrap().map(|sample| sample.unwrap().scan.codes);
-    scans.map(|codes| codes.rescaled(FullScale::BITS_12)).collect()
+    scans(kind).map(|scan| scan.codes.rescaled(FullScale::BITS_12)).collect()
 }
 
 /// Session with the record of a default fit that streams estimates.
 pub fn session(model: Model, scan: Option<ScanSettings>, hz: u16) -> Session {
     let mut session = support::session(model, true);
-    let path = repository().join("host-tools/emulator/data/whole/finger.cal.toml");
-    let calibration = taxel_files::calibration::read(&path).unwrap();
     let mut record = [0; MAX_BYTES];
-    session.upload(calibration.to_bytes(&mut record).unwrap()).unwrap();
+    session.upload(calibration().to_bytes(&mut record).unwrap()).unwrap();
     let scan = scan.map(Command::SetScan);
     let usual = [Command::SetFields(Fields::ESTIMATES), Command::SetRate { hz }];
     for command in scan.into_iter().chain(usual).chain([Command::Stream(true)]) {
@@ -69,7 +78,7 @@ struct Load {
 /// Shows a scene as fast as it was recorded, and measures from the begin of its run on.
 fn load(session: &mut Session, kind: &Kind, hz: u64) -> Load {
     let nothing = self::run(&KINDS[0]);
-    let times = (hz / RECORDED_HZ) as usize;
+    let times = (hz * PERIOD / 1_000_000) as usize;
     let run: Vec<Codes> =
         self::run(kind).into_iter().flat_map(|scan| std::iter::repeat_n(scan, times)).collect();
     let windows = run.len() as u64 * HZ / hz / WINDOW;
