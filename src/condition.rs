@@ -11,6 +11,7 @@
 mod bias;
 mod direct;
 mod drift;
+mod jump;
 mod lag;
 mod levels;
 mod low_pass;
@@ -23,12 +24,13 @@ mod warmth;
 pub(crate) use bias::NOISE_LIMIT;
 pub use bias::{Bias, BiasRefusal, BiasTaker, BridgeBias, NOISE_FLOOR, Taken, TaxelBias};
 pub use drift::{Drift, DriftCompensation};
+pub use jump::JumpWatch;
 pub(crate) use lag::LAG_PARTS;
 pub use lag::{LagCompensation, LagState};
 pub use levels::{BridgeLevels, DEAD_LEVEL, Levels, MIDPOINT_MARGIN, TaxelLevels};
 pub use low_pass::{LowPass, LowPassState};
 pub use noise::NoiseWatch;
-pub use stuck::{Stuck, StuckWatch};
+pub use stuck::StuckWatch;
 pub use warmth::{PER_KELVIN, TemperatureCompensation, Thermometer, Warm};
 
 use serde::{Deserialize, Serialize};
@@ -50,11 +52,8 @@ pub struct Signals {
 
 impl Signals {
     /// Signals of a finger without channels.
-    pub(crate) const NOTHING: Self = Self {
-        taxels: None,
-        bridges: [None; SENSORS],
-        health: Health { saturated: 0, dead: 0, bridge_faults: 0 },
-    };
+    pub(crate) const NOTHING: Self =
+        Self { taxels: None, bridges: [None; SENSORS], health: Health::SOUND };
 }
 
 /// Channel faults of one scan, one bit per channel.
@@ -63,9 +62,14 @@ impl Signals {
 pub struct Health {
     /// Bit k: taxel k is clipped, lit or dark.
     pub saturated: u16,
-    /// Bit k: taxel k sees (almost) none of its LED's light, or its code is stuck.
+    /// Bit k: taxel k sees (almost) none of its LED's light, or its code is stuck or jumped alone.
     pub dead: u16,
-    /// Bit i: the bridge of sensor i is faulty. A midpoint is too near a rail, a code is stuck, or
-    /// the mean of the four is not about half the supply.
+    /// Bit i: the bridge of sensor i is faulty. A midpoint is too near a rail, a code is stuck or
+    /// jumped alone, or the mean of the four is not about half the supply.
     pub bridge_faults: u8,
+}
+
+impl Health {
+    /// No channel is faulty.
+    pub const SOUND: Self = Self { saturated: 0, dead: 0, bridge_faults: 0 };
 }

@@ -23,8 +23,8 @@ mod slip;
 
 use crate::calibration::{Calibration, CalibrationError, Range};
 use crate::condition::{
-    Bias, BiasRefusal, BiasTaker, Health, Levels, LowPass, NoiseWatch, Signals, Stuck, StuckWatch,
-    Thermometer, Warm,
+    Bias, BiasRefusal, BiasTaker, Health, JumpWatch, Levels, LowPass, NoiseWatch, Signals,
+    StuckWatch, Thermometer, Warm,
 };
 use crate::estimate::contact_point::PointMethod;
 use crate::estimate::gate::{Gate, GateState, unmistakable};
@@ -62,6 +62,7 @@ pub struct FingerState {
     biased: bool,
     gate: GateState,
     stuck: StuckWatch,
+    jumps: JumpWatch,
     noise: NoiseWatch,
     faults: Faults,
     doubt: Doubt,
@@ -290,8 +291,46 @@ impl Finger {
     /// Returns an initial state with the calibration's own bias.
     #[must_use]
     pub fn restarted(&self) -> FingerState {
+        let mut state = FingerState::default();
+        self.restart(&mut state);
+        state
+    }
+
+    /// Makes `state` the initial one with the calibration's own bias.
+    ///
+    /// Part by part, because a whole new state would be built on the stack.
+    pub(crate) fn restart(&self, state: &mut FingerState) {
+        let FingerState {
+            time,
+            bias,
+            biased,
+            gate,
+            stuck,
+            jumps,
+            noise,
+            faults,
+            doubt,
+            thermometer,
+            taker,
+            filters,
+            matrix,
+            grip,
+        } = state;
         // No time has passed before the first scan.
-        FingerState { bias: self.own_bias(), time: Micros(u64::MAX), ..FingerState::default() }
+        *time = Micros(u64::MAX);
+        *bias = self.own_bias();
+        *biased = false;
+        *gate = GateState::default();
+        *stuck = StuckWatch::default();
+        *jumps = JumpWatch::default();
+        *noise = NoiseWatch::default();
+        *faults = Faults::default();
+        *doubt = Doubt::default();
+        *thermometer = Thermometer::default();
+        *taker = None;
+        *filters = Filters::default();
+        *matrix = MatrixState::default();
+        *grip = GripState::default();
     }
 
     /// Activates a bias that was taken on command earlier.
@@ -345,9 +384,8 @@ impl Finger {
         state.time = scan.time;
         let saturated = signals.health.saturated;
         let flooded = saturated != 0 && saturated.count_ones() >= TAXELS as u32 / 2;
-        let stuck = state.stuck.update(&scan.codes, flooded);
-        signals.health.dead |= stuck.taxels;
-        signals.health.bridge_faults |= stuck.bridges;
+        let stuck = state.stuck.update(&scan.codes, flooded, &mut signals.health);
+        state.jumps.update(&scan.codes, signals, &state.bias, state.gate.contact());
         if scan.lost > 0 {
             state.noise.interrupt();
         }
@@ -357,7 +395,7 @@ impl Finger {
         flag(&mut status, Status::TEMPERATURE, warm.is_some_and(unknown));
         flag(&mut status, Status::RAN_WARMTH, warm.is_some());
         flag(&mut status, Status::NOISY, noisy != 0);
-        flag(&mut status, Status::STUCK_CHANNEL, stuck != Stuck::default());
+        flag(&mut status, Status::STUCK_CHANNEL, stuck);
         flag(&mut status, Status::OVERRUN, scan.lost > 0);
         flag(&mut status, Status::BIASED, state.biased);
         flag(&mut status, Status::SATURATED, signals.health.saturated != 0);
@@ -378,7 +416,7 @@ impl Finger {
         let before = state.gate.contact();
         let contact = self.gate.update_at_once(&mut state.gate, above, || {
             // A faulty channel may read anything.
-            let sound = signals.health == Health::default();
+            let sound = signals.health == Health::SOUND;
             let matrix = signals.taxels.as_ref().zip(state.bias.taxels.as_ref()).filter(|_| sound);
             matrix.map_or(0.0, |(c, bias)| unmistakable(c, bias.noise))
         });

@@ -412,7 +412,7 @@ impl Instrument {
     /// Resets the state, which is invalid after a change of codes or calibration.
     #[inline(never)]
     fn forget(&mut self) {
-        self.state = self.finger.restarted();
+        self.finger.restart(&mut self.state);
         self.bias_in_contact = false;
     }
 

@@ -31,7 +31,7 @@ impl Bias {
             return self.by_levels(codes, healthy, warm, gain, signals);
         }
         let bridge_faults = self.bridges(codes, step, change, &mut signals.bridges);
-        signals.health = Health { bridge_faults, ..Health::default() };
+        signals.health = Health { bridge_faults, ..Health::SOUND };
     }
 
     /// Writes the signals of the bridges; returns a bit for each faulty one.

@@ -15,6 +15,7 @@
 
 use core::ops::RangeInclusive;
 
+use super::Health;
 use crate::scan::{COLS, Codes, Midpoints, ROWS, SENSORS};
 use crate::units::Code;
 
@@ -72,45 +73,27 @@ pub struct StuckWatch {
     stuck: u32,
 }
 
-/// Channels that are stuck.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Stuck {
-    /// Bit k: taxel k.
-    pub taxels: u16,
-    /// Bit i: a midpoint of sensor i.
-    pub bridges: u8,
-}
-
-impl Stuck {
-    /// Returns the channels with these bits, as in [`StuckWatch::stuck`].
-    #[cold]
-    #[inline(never)]
-    fn of(bits: u32) -> Self {
-        // The lowest bit of each four, then these side by side.
-        let two = bits >> 16 | bits >> 17;
-        let four = (two | two >> 2) & 0x1111;
-        let bridges = (four | four >> 3 | four >> 6 | four >> 9) & 0b1111;
-        Self { taxels: bits as u16, bridges: bridges as u8 }
-    }
-}
-
 impl StuckWatch {
-    /// Processes one scan and returns the stuck channels: all, if the scan is frozen. Codes of a
-    /// `flooded` matrix, whose taxels clip, have no noise.
+    /// Processes one scan, adds the stuck channels to its `health` and returns whether there are any.
+    /// All are if the scan is frozen. Codes of a `flooded` matrix, whose taxels clip, have no noise.
     ///
     /// Whatever is rare is done in functions of its own, so that a usual scan takes little time.
-    pub fn update(&mut self, codes: &Codes, flooded: bool) -> Stuck {
+    pub fn update(&mut self, codes: &Codes, flooded: bool, health: &mut Health) -> bool {
         match read(codes, self.group()) {
             Some(now) if self.left == 0 => self.begin(now),
             Some(now) => {
                 if self.visit(now, codes, flooded) {
-                    return Stuck::of(present(codes));
+                    mark(health, present(codes));
+                    return true;
                 }
             }
             // The finger does not have it.
             None => self.end(ALL, 0, codes),
         }
-        if self.stuck == 0 { Stuck::default() } else { Stuck::of(self.stuck) }
+        if self.stuck != 0 {
+            mark(health, self.stuck);
+        }
+        self.stuck != 0
     }
 
     fn group(&self) -> usize {
@@ -271,6 +254,18 @@ impl StuckWatch {
     }
 }
 
+/// Marks channels as faulty, a bit each as in [`StuckWatch::stuck`].
+#[cold]
+#[inline(never)]
+fn mark(health: &mut Health, faulty: u32) {
+    // The lowest bit of each four, then these side by side.
+    let two = faulty >> 16 | faulty >> 17;
+    let four = (two | two >> 2) & 0x1111;
+    let bridges = (four | four >> 3 | four >> 6 | four >> 9) & 0b1111;
+    health.dead |= faulty as u16;
+    health.bridge_faults |= bridges as u8;
+}
+
 /// Mixes the codes of two other groups, one of them of the other kind. With the visited one they
 /// show as well as all whether a scan repeats.
 fn mixed(codes: &Codes, group: usize) -> u32 {
@@ -374,8 +369,8 @@ mod tests {
             self.held[channel].unwrap_or(Code((read + 0.5) as u16))
         }
 
-        /// Channels flagged in the next scan, whose taxels see `light` and all feel `force`.
-        fn next(&mut self, light: f32, force: f32) -> Stuck {
+        /// Health found in the next scan, whose taxels see `light` and all feel `force`.
+        fn next(&mut self, light: f32, force: f32) -> Health {
             let mut codes = self.last;
             let lit = core::array::from_fn(|k| self.code(k, light + force));
             let taxels = codes.taxels.as_mut().unwrap();
@@ -393,11 +388,13 @@ mod tests {
             self.give(codes)
         }
 
-        fn give(&mut self, codes: Codes) -> Stuck {
+        fn give(&mut self, codes: Codes) -> Health {
             self.last = codes;
             self.scans += 1;
             let clips = |code: Code| codes.full_scale.clips(code);
-            self.watch.update(&codes, clips(codes.taxels.unwrap().lit[0][0]))
+            let mut health = Health::SOUND;
+            self.watch.update(&codes, clips(codes.taxels.unwrap().lit[0][0]), &mut health);
+            health
         }
 
         /// Sticks a channel at its last code.
@@ -413,22 +410,20 @@ mod tests {
         }
 
         /// Scans until just `expected` is flagged.
-        fn until(&mut self, expected: Stuck) -> u32 {
+        fn until(&mut self, expected: Health) -> u32 {
             (1..20_000).find(|_| self.next(0.0, 0.0) == expected).unwrap()
         }
 
         /// Scans of `count` with a flag.
         fn flagged(&mut self, count: u32, light: impl Fn(u32) -> f32) -> u32 {
-            (0..count)
-                .map(|_| u32::from(self.next(light(self.scans), 0.0) != Stuck::default()))
-                .sum()
+            (0..count).map(|_| u32::from(self.next(light(self.scans), 0.0) != Health::SOUND)).sum()
         }
     }
 
-    fn stuck(channel: usize) -> Stuck {
+    fn stuck(channel: usize) -> Health {
         match channel.checked_sub(TAXELS) {
-            None => Stuck { taxels: 1 << channel, bridges: 0 },
-            Some(i) => Stuck { taxels: 0, bridges: 1 << (i / COLS) },
+            None => Health { dead: 1 << channel, ..Health::SOUND },
+            Some(i) => Health { bridge_faults: 1 << (i / COLS), ..Health::SOUND },
         }
     }
 
@@ -450,7 +445,7 @@ mod tests {
                 let scans = finger.until(stuck(channel));
                 assert!(scans <= most, "channel {channel}: {scans}");
                 finger.held[channel] = None;
-                assert!(finger.until(Stuck::default()) <= 60, "channel {channel}");
+                assert!(finger.until(Health::SOUND) <= 60, "channel {channel}");
                 assert_eq!(finger.flagged(3_000, |_| 0.0), 0);
             }
         }
@@ -458,9 +453,9 @@ mod tests {
 
     #[test]
     fn stuck_row_column_and_sensor_are_flagged() {
-        let row = ([4, 5, 6, 7], Stuck { taxels: 0b1111 << 4, bridges: 0 });
-        let column = ([1, 5, 9, 13], Stuck { taxels: 0x2222, bridges: 0 });
-        let sensor = ([20, 21, 22, 23], Stuck { taxels: 0, bridges: 0b10 });
+        let row = ([4, 5, 6, 7], Health { dead: 0b1111 << 4, ..Health::SOUND });
+        let column = ([1, 5, 9, 13], Health { dead: 0x2222, ..Health::SOUND });
+        let sensor = ([20, 21, 22, 23], Health { bridge_faults: 0b10, ..Health::SOUND });
         for (channels, expected) in [row, column, sensor] {
             let mut finger = sound();
             channels.iter().for_each(|channel| finger.hold(*channel));
@@ -500,11 +495,11 @@ mod tests {
 
     #[test]
     fn third_repetition_freezes_scan_until_another_comes() {
-        const ALL: Stuck = Stuck { taxels: u16::MAX, bridges: 0b1111 };
+        const ALL: Health = Health { dead: u16::MAX, bridge_faults: 0b1111, ..Health::SOUND };
         let mut finger = sound();
         let frozen = finger.last;
         for repeated in 1..1000 {
-            let expected = if repeated < 3 { Stuck::default() } else { ALL };
+            let expected = if repeated < 3 { Health::SOUND } else { ALL };
             assert_eq!(finger.give(frozen), expected, "{repeated}");
         }
         assert_eq!(finger.flagged(1000, |_| 0.0), 0);
@@ -515,7 +510,7 @@ mod tests {
             codes.taxels.iter_mut().for_each(|taxels| taxels.dark[0].0 += i.min(400));
             finger.give(codes)
         });
-        assert_eq!(flags.last(), Some(Stuck { bridges: 0, ..ALL }));
+        assert_eq!(flags.last(), Some(Health { bridge_faults: 0, ..ALL }));
     }
 
     #[test]
@@ -523,16 +518,16 @@ mod tests {
         // Each scan given ten times.
         let mut finger = Fingertip::new(1.4, 1);
         for _ in 0..10_000 {
-            assert_eq!(finger.next(0.0, 0.0), Stuck::default());
+            assert_eq!(finger.next(0.0, 0.0), Health::SOUND);
             let held = finger.last;
-            (0..9).for_each(|_| assert_eq!(finger.give(held), Stuck::default()));
+            (0..9).for_each(|_| assert_eq!(finger.give(held), Health::SOUND));
         }
         // Half a second of rest, then presses and holds of a second.
         let mut finger = Fingertip::new(0.0, 1);
         for i in 0..20_000u32 {
             let t = i as f32 * 1e-3;
             let force = if t < 0.5 || i / 1000 % 2 == 0 { 0.0 } else { 900.0 * (3.0 * t).sin() };
-            assert_eq!(finger.next(0.0, force), Stuck::default(), "{i}");
+            assert_eq!(finger.next(0.0, force), Health::SOUND, "{i}");
         }
     }
 
@@ -540,13 +535,13 @@ mod tests {
     fn repetitions_and_faults_at_the_start_do_not_blind_the_watch() {
         let mut finger = Fingertip::new(1.4, 1);
         let dark = finger.last;
-        (0..20).for_each(|_| assert_eq!(finger.give(dark), Stuck::default()));
+        (0..20).for_each(|_| assert_eq!(finger.give(dark), Health::SOUND));
         finger.held[6] = Some(Code(9_600));
         assert!(finger.until(stuck(6)) < 600);
         finger.hold(5);
-        assert!(finger.until(Stuck { taxels: 0b110_0000, bridges: 0 }) < 2000);
+        assert!(finger.until(Health { dead: 0b110_0000, ..Health::SOUND }) < 2000);
         finger.held = [None; CHANNELS];
-        finger.until(Stuck::default());
+        finger.until(Health::SOUND);
         assert_eq!(finger.flagged(100_000, |_| 0.0), 0);
         finger.hold(5);
         assert!(finger.until(stuck(5)) <= 60);
@@ -558,13 +553,13 @@ mod tests {
             let mut finger = sound();
             finger.held[6] = Some(Code(code));
             (0..40_000).for_each(|_| _ = finger.next(0.0, 0.0));
-            let known = finger.next(0.0, 0.0).taxels;
+            let known = finger.next(0.0, 0.0).dead;
             for neighbour in [5, 9] {
                 finger.hold(neighbour);
-                let both = Stuck { taxels: known | 1 << neighbour, bridges: 0 };
+                let both = Health { dead: known | 1 << neighbour, ..Health::SOUND };
                 assert!(finger.until(both) <= 60, "{code}: {neighbour}");
                 finger.held[neighbour] = None;
-                finger.until(Stuck { taxels: known, bridges: 0 });
+                finger.until(Health { dead: known, ..Health::SOUND });
             }
         }
     }
@@ -580,7 +575,7 @@ mod tests {
         let lit = [[Code(8 * 4095); COLS]; ROWS];
         let flooded = Codes { taxels: Some(TaxelCodes { lit, dark: lit[0] }), ..codes };
         for _ in 0..1000 {
-            assert_eq!(finger.give(flooded), Stuck::default());
+            assert_eq!(finger.give(flooded), Health::SOUND);
         }
     }
 }

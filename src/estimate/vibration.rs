@@ -15,11 +15,14 @@
 //! summed over the sensors pass a band-pass. The energy of the band is compared with its own
 //! earlier floor, and with the energy of the band below, which motion fills first.
 //!
+//! Faulty channels are left out. Whenever they change, the detector hears nothing for 0.2 s, until its
+//! filters have settled.
+//!
 //! The band needs 600 samples a second, not one in every scan. The sums are therefore averaged over
 //! the scans of 1.5 ms. The channels are then filtered in turn, so that no scan bears the
 //! cost of all.
 
-use crate::condition::Signals;
+use crate::condition::{Health, Signals};
 use crate::math::{at_least, at_most, tan};
 use crate::scan::COLS;
 use crate::units::Micros;
@@ -172,10 +175,41 @@ pub struct VibrationState {
     /// Whether one of the filtered channels is loud.
     loud: bool,
     samples: u16,
+    /// Samples until the filters have settled.
+    settling: u16,
     vibrates: bool,
+    health: Health,
 }
 
 impl VibrationState {
+    /// Takes faulty channels out of the sums. What they read is no vibration, nor is the jump at the
+    /// beginning and end of a fault: the filters settle first.
+    #[cold]
+    #[inline(never)]
+    fn leave_out(&mut self, Signals { taxels, bridges, health }: &Signals, settling: u16) {
+        if core::mem::replace(&mut self.health, *health) != *health {
+            self.settling = settling;
+        }
+        let Sums { quadrants, bridges: sums, .. } = &mut self.sums;
+        if let Some(taxels) = taxels {
+            for (k, c) in taxels.iter().enumerate() {
+                if (health.saturated | health.dead) >> k & 1 == 1
+                    && let Some(quadrant) =
+                        quadrants.as_flattened_mut().get_mut(k / 8 * 2 + k % COLS / 2)
+                {
+                    *quadrant -= c;
+                }
+            }
+        }
+        for (i, u) in bridges.iter().enumerate() {
+            if health.bridge_faults >> i & 1 == 1
+                && let Some(u) = u
+            {
+                sums.iter_mut().zip(u).for_each(|(sum, u)| *sum -= u);
+            }
+        }
+    }
+
     /// Returns whether the last sample vibrated.
     #[must_use]
     pub fn vibrates(&self) -> bool {
@@ -194,6 +228,9 @@ impl Vibration {
     /// Processes one scan and returns whether the finger vibrates.
     pub fn update(&self, state: &mut VibrationState, signals: &Signals) -> bool {
         state.sums.add(signals);
+        if signals.health != Health::SOUND || state.health != Health::SOUND {
+            state.leave_out(signals, self.warm_up);
+        }
         if state.sums.scans >= self.scans {
             let samples = state.sums.samples();
             state.channels.iter_mut().zip(samples).for_each(|(channel, x)| channel.sample = x);
@@ -207,21 +244,28 @@ impl Vibration {
 
     #[inline(never)]
     fn listen_in_turn(&self, state: &mut VibrationState) {
-        let (warm, was) = (state.samples >= self.warm_up, state.vibrates);
+        let warm = state.samples >= self.warm_up;
+        // The floor follows quickly at first, then slowly, and not at all during a vibration.
+        let share = match self.forget {
+            [fast, _] if !warm => fast,
+            _ if state.vibrates || state.settling > 0 => 0.0,
+            [_, slow] => slow,
+        };
         for _ in 0..self.at_once.min(state.pending) {
             state.pending -= 1;
             let Some(channel) = state.channels.get_mut(state.pending) else { break };
-            state.loud |= self.listen(channel, warm, was);
+            state.loud |= self.listen(channel, share, state.vibrates);
         }
         if state.pending == 0 {
             state.samples = state.samples.saturating_add(1);
-            state.vibrates = warm && state.loud;
+            state.vibrates = warm && state.loud && state.settling == 0;
+            state.settling = state.settling.saturating_sub(1);
         }
     }
 
     #[inline(always)]
-    fn listen(&self, channel: &mut Channel, warm: bool, was: bool) -> bool {
-        let [fast, slow] = self.forget;
+    fn listen(&self, channel: &mut Channel, share: f32, was: bool) -> bool {
+        let [fast, _] = self.forget;
         let ([band, below], [once, twice, low]) = (&self.bands, &mut channel.filters);
         let passed = band.filter(once, channel.sample);
         let (high, low) = (band.filter(twice, passed), below.filter(low, channel.sample));
@@ -229,11 +273,7 @@ impl Vibration {
         channel.energy[0] += fast * (heard - channel.energy[0]);
         channel.energy[1] += fast * (low * low - channel.energy[1]);
         let floor = at_least(channel.floor, QUIET);
-        // The floor follows quickly at first, then slowly, and not at all during a vibration.
-        if !was {
-            let share = if warm { slow } else { fast };
-            channel.floor += share * (at_most(heard, 4.0 * floor) - channel.floor);
-        }
+        channel.floor += share * (at_most(heard, 4.0 * floor) - channel.floor);
         let [begin, end] = self.loud;
         let [energy, below] = channel.energy;
         let loud = energy > if was { end } else { begin } * floor && energy > STEEP * below;
@@ -332,6 +372,34 @@ mod tests {
             let first = first.unwrap();
             assert!((2.0..2.02).contains(&first), "{interval_us} us: {first}");
             assert!(state.vibrates());
+        }
+    }
+
+    #[test]
+    fn faulty_channel_is_no_vibration_nor_is_its_return() {
+        for (interval_us, from, fault_s) in [(250, 1.0, 0.1), (250, 1.0, 3.0), (1000, 0.0, 10.0)] {
+            let detector = Vibration::every(interval_us);
+            let mut state = VibrationState::default();
+            let (until, end) = (from + fault_s, from + fault_s + 3.0);
+            let mut rubs = 0;
+            for i in 0..(1e6 * end) as u32 / interval_us {
+                let t = i as f32 * 1e-6 * interval_us as f32;
+                let faulty = (from..until).contains(&t);
+                // Rubbing in the last second of the fault and of the run.
+                let rubbed = (from + 1.0..until).contains(&t) && t > until - 1.0 || t > end - 1.0;
+                let rub = if rubbed { 5e-4 * (942.0 * t).sin() } else { 0.0 };
+                let mut signals = signals(5e-5 * noise(i) + rub);
+                if faulty {
+                    signals.taxels.as_mut().unwrap()[5] = 0.3 * noise(i + 77);
+                    signals.health.dead = 1 << 5;
+                }
+                if detector.update(&mut state, &signals) {
+                    assert!(rubbed, "{fault_s}: {t}");
+                    rubs += 1;
+                }
+            }
+            let least = if fault_s > 1.0 { 1.9e6 } else { 0.95e6 } as u32 / interval_us;
+            assert!(rubs > least, "{fault_s}: {rubs}");
         }
     }
 

@@ -83,7 +83,7 @@ pub(super) fn drifts<'c>(
     record: Option<&'c Calibration>,
     signals: &Signals,
 ) -> Option<&'c DriftCompensation> {
-    let sound = signals.health == Health::default() && signals.taxels.is_some();
+    let sound = signals.health == Health::SOUND && signals.taxels.is_some();
     record?.drift().filter(|_| sound)
 }
 

@@ -42,7 +42,7 @@ fn unloaded_finger_gives_zero_force() {
 #[test]
 fn press_has_force_and_contact_point() {
     let (finger, mut state) = calibrated();
-    let estimate = settled(&finger, &mut state, &pressed(0, 6, 6_554));
+    let estimate = settled(&finger, &mut state, &pressed(0, 6, 3_277));
     let Ok(Newtons(fz)) = estimate.force.z else { panic!("{:?}", estimate.force) };
     assert!((f64::from(fz) - 0.1f64.tanh()).abs() < 1e-4, "{fz}");
     assert!(near(&estimate, 1.25, -1.25), "{:?}", estimate.point);
@@ -59,7 +59,7 @@ fn q15_net_replaces_net_and_sets_its_status() {
     let (finger, mut state) = Finger::new(Some(Calibration { net, ..float }));
     let quiet = settled(&finger, &mut state, &unloaded(0));
     assert_eq!(quiet.force, Force::known(0.0, 0.0, 0.0));
-    let estimate = settled(&finger, &mut state, &pressed(0, 6, 6_554));
+    let estimate = settled(&finger, &mut state, &pressed(0, 6, 3_277));
     let Ok(Newtons(fz)) = estimate.force.z else { panic!("{:?}", estimate.force) };
     assert!((f64::from(fz) - 0.1f64.tanh()).abs() < 5e-4, "{fz}");
     assert!(estimate.status.contains(Status::RAN_QUANTISED), "{:?}", estimate.status);
@@ -87,7 +87,7 @@ fn filter_smooths_estimates_and_not_the_gate() {
     for i in 0..2000u64 {
         let scan = match i {
             0..100 => unloaded(250 * i),
-            _ => pressed(250 * i, 6, if i % 2 == 0 { 6_488 } else { 6_620 }),
+            _ => pressed(250 * i, 6, if i % 2 == 0 { 3_244 } else { 3_310 }),
         };
         let estimates =
             [plain.estimate(&mut plain_state, &scan), smooth.estimate(&mut smooth_state, &scan)];

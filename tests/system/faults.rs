@@ -2,10 +2,12 @@
 //!
 //! The last test lists the faults that codes alone do not show.
 
+use taxel::condition::Health;
 use taxel::finger::{Estimate, Finger};
 use taxel::frame::Status;
 use taxel::scan::{Midpoints, Scan};
 use taxel::units::{Code, FullScale};
+use taxel_sim::scene::{Changes, Kind, built_in};
 use taxel_sim::{Scene, Simulator};
 
 /// Effects of every scene here.
@@ -88,7 +90,8 @@ impl Converter {
     /// Checks for exactly `faults` from `late` scans after the fault's beginning until its end;
     /// returns its last estimate.
     ///
-    /// No fault is flagged before it, nor from `late` scans after its end on.
+    /// No fault is flagged before it, nor from `late` scans after its end on, or from those in which
+    /// a channel that has jumped stays in doubt.
     fn check_flags(self, keys: &str, late: usize, faults: &[Status]) -> Estimate {
         let expected = faults.iter().fold(0, |all, one| all | one.0);
         let estimates = self.fault(keys);
@@ -96,13 +99,16 @@ impl Converter {
             let found = estimate.status.0 & FAULTS.0;
             if (BEGIN + late..self.end()).contains(&t) {
                 assert_eq!(found, expected, "{keys} at {t} ms, {self:?}");
-            } else if !(BEGIN..self.end() + late).contains(&t) {
+            } else if !(BEGIN..self.end() + late.max(DOUBTED)).contains(&t) {
                 assert_eq!(found, 0, "{keys} at {t} ms, {self:?}");
             }
         }
         estimates[self.end() - 1]
     }
 }
+
+/// Scans for which a channel that has jumped back stays in doubt, at most.
+const DOUBTED: usize = 72;
 
 const FAULTS: Status = Status::SATURATED
     .union(Status::DEAD_TAXEL)
@@ -208,16 +214,33 @@ fn ratiometric_dip_and_swaps_stay_undetected() {
     for keys in [
         "kind = 'supply-dip'\nratio = 0.8",
         "kind = 'swapped-columns'\nchannel = 'c0'\nwith = 'c3'",
-        "kind = 'open-channel'\nchannel = 's1_b'",
         "kind = 'stuck-channel'\nchannel = 'vref'",
     ] {
         let estimate = check_flags_at_once(keys, &[]);
         let moved = estimate.signals.taxels.unwrap().iter().any(|c| c.abs() > 0.01);
-        let bridge = estimate.signals.bridges[1].unwrap()[0].abs() > 0.005;
-        assert!(moved || bridge || keys.contains("vref"), "{keys} changes what is measured");
+        assert!(moved || keys.contains("vref"), "{keys} changes what is measured");
     }
     let sixteen = CONVERTERS[2];
     let dip: Vec<_> = sixteen.scans(&sixteen.table("kind = 'supply-dip'\nratio = 0.8")).collect();
     let reference = |t: usize| dip[t].codes.full_scale.ratio(dip[t].codes.reference.unwrap()).0;
     assert!((reference(500) - 0.5).abs() < 1e-3 && (reference(1500) - 0.625).abs() < 1e-3);
+}
+
+#[test]
+fn slow_scans_of_a_sound_finger_have_no_faulty_channel() {
+    // The slower the scan, the further a touch moves until the next one.
+    let changes = Changes { reference: true, set: vec!["scan.rate_hz=250".into()] };
+    for (name, _) in built_in() {
+        let own = name.starts_with("fault-");
+        if own || Scene::load(name).unwrap().device.kind != Kind::Taxel4x4 {
+            continue;
+        }
+        let scene = Scene::load_changed(name, &changes).unwrap();
+        let (finger, mut state) = Finger::new(None);
+        for (n, sample) in Simulator::new(&scene, 41).enumerate() {
+            let Estimate { signals, status, .. } = finger.estimate(&mut state, &sample.scan);
+            let Health { dead, bridge_faults, .. } = signals.health;
+            assert_eq!((dead, bridge_faults), (0, 0), "{name}: scan {n}: {status:?}");
+        }
+    }
 }

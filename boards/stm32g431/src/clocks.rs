@@ -5,6 +5,7 @@
 
 use embassy_stm32::interrupt::InterruptExt;
 use embassy_stm32::pac::flash::vals::Latency;
+use embassy_stm32::pac::iwdg::vals::{Key, Pr};
 use embassy_stm32::pac::{self, interrupt};
 use embassy_stm32::rcc::{
     AHBPrescaler, Hsi48Config, Pll, PllMul, PllPreDiv, PllRDiv, PllSource, Sysclk, mux::Clk48sel,
@@ -51,6 +52,23 @@ pub fn boost() {
     // The voltage needs a microsecond.
     cortex_m::asm::delay(170);
     pac::RCC.cfgr().modify(|cfgr| cfgr.set_hpre(AHBPrescaler::DIV1));
+}
+
+/// Watchdog timeout in microseconds, within which a scan must reach the session.
+///
+/// It covers the erasure of the two pages of a calibration slot (49 ms, DS12589 table 44).
+const WATCHDOG_US: u32 = 500_000;
+
+/// Starts the watchdog, which only a reset stops.
+///
+/// The driver of embassy-stm32 finds a divider at run time, which takes 0.6 KB of flash.
+pub fn start_watchdog() {
+    // The watchdog counts a quarter of the LSI's 32 kHz.
+    const COUNTS: u32 = WATCHDOG_US / 125;
+    pac::IWDG.kr().write(|kr| kr.set_key(Key::ENABLE));
+    pac::IWDG.pr().write(|pr| pr.set_pr(Pr::DIVIDE_BY4));
+    pac::IWDG.rlr().write(|rlr| rlr.set_rl(COUNTS as u16 - 1));
+    pac::IWDG.kr().write(|kr| kr.set_key(Key::START));
 }
 
 /// Stops the watchdog, the scan and the time while a debugger halts the core.

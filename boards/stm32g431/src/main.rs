@@ -22,7 +22,6 @@ use defmt_rtt as _;
 use embassy_executor::Executor;
 use embassy_stm32::peripherals::USB;
 use embassy_stm32::usb::InterruptHandler;
-use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{bind_interrupts, pac, uid};
 use embassy_usb::UsbDevice;
 use static_cell::StaticCell;
@@ -48,11 +47,6 @@ bind_interrupts!(struct Irqs {
 const PRODUCT: &str = concat!("fingertip ", env!("CARGO_PKG_NAME"));
 /// Address of the ROM bootloader's vector table (AN2606).
 const ROM: usize = 0x1FFF_0000;
-/// Watchdog timeout in microseconds, within which a scan must reach the session.
-///
-/// It covers the erasure of the two pages of a calibration slot (49 ms, DS12589 table 44).
-const WATCHDOG_US: u32 = 500_000;
-
 static EXECUTOR: StaticCell<Executor> = StaticCell::new();
 static INSTRUMENT: StaticCell<Instrument> = StaticCell::new();
 
@@ -86,7 +80,7 @@ fn main() -> ! {
     core.DWT.enable_cycle_counter();
 
     // The watchdog starts first, so that a converter that never gets ready causes a reported reset.
-    IndependentWatchdog::new(chip.IWDG, WATCHDOG_US).unleash();
+    clocks::start_watchdog();
     let full_scale = scan::start();
     let store = Store::new(flash::pages(chip.FLASH));
     let mut scanner = Scanner::new(&scan::FRAMES, Registers, store, Started { reset, panic });

@@ -39,11 +39,17 @@ pub fn unloaded(time: u64) -> Scan {
     }
 }
 
-/// The finger with `codes` more light on taxel `k`.
+/// The finger with `codes` more light on taxel `k`, and a quarter of that on its neighbours.
 pub fn pressed(time: u64, k: usize, codes: u16) -> Scan {
     let mut scan = unloaded(time);
     if let Some(taxels) = &mut scan.codes.taxels {
-        taxels.lit[k / 4][k % 4].0 += codes;
+        for (i, lit) in taxels.lit.as_flattened_mut().iter_mut().enumerate() {
+            lit.0 += match (i % 4).abs_diff(k % 4) + (i / 4).abs_diff(k / 4) {
+                0 => codes,
+                1 => codes / 4,
+                _ => 0,
+            };
+        }
     }
     scan
 }
