@@ -4,10 +4,12 @@
 //! midpoints of a bridge against each other, so that their sum rests. A reading that changes far more
 //! than the others of its family is therefore no touch, nor are two that change places.
 //!
-//! Limits: a jump of less than some thirty times the noise is not found; nor is one of a whole row,
-//! nor one of midpoints that change places within their sensor. The matrix is not judged while light
-//! clips a taxel, nor are sensors unless all four are sound. A single wrong code withholds for some
-//! seventy scans what depends on it.
+//! So is a row or a column that changes far more than the other three.
+//!
+//! Limits: a jump of less than some thirty times the noise is not found; nor is one of midpoints that
+//! change places within their sensor. The matrix is not judged while light clips a taxel, nor are
+//! sensors unless all four are sound. A single wrong code withholds for some seventy scans what depends
+//! on it.
 
 use super::{Bias, Signals};
 use crate::scan::{COLS, Codes, Midpoints, ROWS, SENSORS, TAXELS, TaxelCodes};
@@ -157,9 +159,36 @@ impl JumpWatch {
         }
         if jumped {
             self.doubt(beyond(lit, limit), limit);
+        } else if third > least {
+            self.judge_lines();
         }
         if dark != 0 {
             self.doubt(dark << TAXELS, dark_limit);
+        }
+    }
+
+    /// Judges rows and columns like single taxels: the light of a row's LEDs, the gain of a column.
+    fn judge_lines(&mut self) {
+        let (mut rows, mut columns) = ([0; ROWS], [0; COLS]);
+        for (row, of_row) in self.changes.iter().zip(&mut rows) {
+            for (change, of_column) in row.iter().zip(&mut columns) {
+                *of_row += change;
+                *of_column += change;
+            }
+        }
+        self.judge_line(&rows, 0b1111, COLS);
+        self.judge_line(&columns, 0x1111, 1);
+    }
+
+    /// Doubts the line that changes alone; the taxels of the first one, and the `step` to the next.
+    #[inline(never)]
+    fn judge_line(&mut self, sums: &[i32; 4], line: u32, step: usize) {
+        let [first, second, _] = largest(sums);
+        // The noise of four readings is twice that of one.
+        let limit = OTHERS * second + 2 * self.least.codes;
+        if first > limit {
+            let place = beyond(sums, limit).trailing_zeros() as usize;
+            self.doubt(line << ((step * place) & 15), limit / 4);
         }
     }
 
@@ -503,6 +532,22 @@ mod tests {
         let mut finger = Fingertip::new();
         (finger.lit[1], finger.lit[2]) = (700.0, 500.0);
         finger.rests(100);
+    }
+
+    #[test]
+    fn row_or_column_that_jumps_is_named_and_lasts() {
+        for line in 0..4 {
+            for (taxels, step) in [(0b1111 << (4 * line), 4), (0x1111 << line, 1)] {
+                let mut finger = Fingertip::new();
+                let lost = Health { dead: taxels, ..Health::SOUND };
+                let scans = finger.until(lost, |finger| {
+                    let own = |k: &usize| taxels >> k & 1 == 1;
+                    (0..TAXELS).filter(own).for_each(|k| finger.lit[k] = -0.05 * LIT);
+                });
+                assert!(scans <= usize::from(TURN), "line {line}, {step}: {scans}");
+                (0..1000).for_each(|_| assert_eq!(finger.next(), lost));
+            }
+        }
     }
 
     #[test]
