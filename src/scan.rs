@@ -98,6 +98,14 @@ pub struct Midpoints {
     pub d: Code,
 }
 
+impl Midpoints {
+    /// Codes of A to D.
+    #[inline(always)]
+    pub(crate) fn codes(&self) -> [Code; 4] {
+        [self.a, self.b, self.c, self.d]
+    }
+}
+
 /// All codes of one scan; `None` for channels that the finger does not have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

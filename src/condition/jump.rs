@@ -2,15 +2,15 @@
 //!
 //! A touch moves neighbouring taxels together, light moves all readings, and a force moves the
 //! midpoints of a bridge against each other, so that their sum rests. A reading that changes far more
-//! than the others of its family is therefore no touch, nor are two that change places.
-//!
-//! So is a row or a column that changes far more than the other three.
+//! than the others of its family is therefore no touch, nor are two that change places, nor is a row
+//! or a column that changes far more than the other three.
 //!
 //! Limits: a jump of less than some thirty times the noise is not found; nor is one of midpoints that
 //! change places within their sensor. The matrix is not judged while light clips a taxel, nor are
 //! sensors unless all four are sound. A single wrong code withholds for some seventy scans what depends
 //! on it.
 
+use super::levels::COLUMN;
 use super::{Bias, Signals};
 use crate::scan::{COLS, Codes, Midpoints, ROWS, SENSORS, TAXELS, TaxelCodes};
 use crate::units::Code;
@@ -177,7 +177,7 @@ impl JumpWatch {
             }
         }
         self.judge_line(&rows, 0b1111, COLS);
-        self.judge_line(&columns, 0x1111, 1);
+        self.judge_line(&columns, COLUMN.into(), 1);
     }
 
     /// Doubts the line that changes alone; the taxels of the first one, and the `step` to the next.
@@ -242,7 +242,7 @@ impl JumpWatch {
         }
         // A dark reading is part of its column's signals.
         let columns = (self.doubted >> TAXELS) as u16 & 0xf;
-        signals.health.dead |= self.doubted as u16 | (columns * 0x1111);
+        signals.health.dead |= self.doubted as u16 | (columns * COLUMN);
         signals.health.bridge_faults |= (self.doubted >> (TAXELS + COLS)) as u8;
     }
 }
@@ -336,8 +336,8 @@ fn beyond(changes: &[i32], limit: i32) -> u32 {
 }
 
 /// Returns the sum of a sensor's midpoints, which no force changes.
-fn sum(Midpoints { a, b, c, d }: &Midpoints) -> i32 {
-    [a, b, c, d].map(|code| i32::from(code.0)).iter().sum()
+fn sum(midpoints: &Midpoints) -> i32 {
+    midpoints.codes().iter().map(|code| i32::from(code.0)).sum()
 }
 
 #[cfg(test)]

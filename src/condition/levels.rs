@@ -124,9 +124,11 @@ fn read_taxels(codes: &TaxelCodes, step: f32) -> TaxelLevels {
     levels
 }
 
+/// Bits of the taxels in the first column.
+pub(super) const COLUMN: u16 = 0x1111;
+
 /// Returns the taxels whose lit or dark code may be clipped. A clipped dark code spoils its column.
 fn clipped(codes: &TaxelCodes, full_scale: FullScale) -> u16 {
-    const COLUMN: u16 = 0x1111;
     let limit = full_scale.clipped();
     let columns = high(slice::from_ref(&codes.dark), limit);
     high(&codes.lit, limit) | (columns * COLUMN)
@@ -162,8 +164,7 @@ impl BridgeLimits {
     /// Returns whether the bridge is intact.
     #[inline(always)]
     pub fn hold(&self, midpoints: &Midpoints) -> bool {
-        let codes = [midpoints.a, midpoints.b, midpoints.c, midpoints.d];
-        let [a, b, c, d] = codes.map(|code| u32::from(code.0));
+        let [a, b, c, d] = midpoints.codes().map(|code| u32::from(code.0));
         // One comparison each, because a value below the range wraps.
         let within = |v: u32, low: u32, high: u32| v.wrapping_sub(low) <= high.wrapping_sub(low);
         [a, b, c, d].into_iter().all(|v| within(v, self.lowest, self.highest))
@@ -178,8 +179,7 @@ impl BridgeLimits {
 /// The sensitivity matrix S contains the amplifiers' gains.
 #[inline(always)]
 pub(super) fn outputs(midpoints: &Midpoints, step: f32) -> BridgeLevels {
-    let codes = [midpoints.a, midpoints.b, midpoints.c, midpoints.d];
-    let [a, b, c, d] = codes.map(|code| i32::from(code.0));
+    let [a, b, c, d] = midpoints.codes().map(|code| i32::from(code.0));
     [b - a, c - d, (a + b) - (c + d)].map(|codes| codes as f32 * step)
 }
 

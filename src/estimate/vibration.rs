@@ -154,6 +154,27 @@ impl Sums {
         self.scans += 1;
     }
 
+    /// Takes the faulty channels of added signals out again.
+    fn leave_out(&mut self, Signals { taxels, bridges, health }: &Signals) {
+        if let Some(taxels) = taxels {
+            let quadrants = self.quadrants.as_flattened_mut();
+            for (k, c) in taxels.iter().enumerate() {
+                if (health.saturated | health.dead) >> k & 1 == 1
+                    && let Some(quadrant) = quadrants.get_mut(k / (2 * COLS) * 2 + k % COLS / 2)
+                {
+                    *quadrant -= c;
+                }
+            }
+        }
+        for (i, u) in bridges.iter().enumerate() {
+            if health.bridge_faults >> i & 1 == 1
+                && let Some(u) = u
+            {
+                self.bridges.iter_mut().zip(u).for_each(|(sum, u)| *sum -= u);
+            }
+        }
+    }
+
     /// Returns the means of the channels: the matrix, its right minus left half, its +y minus −y
     /// half, and the bridges.
     #[inline(never)]
@@ -182,32 +203,15 @@ pub struct VibrationState {
 }
 
 impl VibrationState {
-    /// Takes faulty channels out of the sums. What they read is no vibration, nor is the jump at the
-    /// beginning and end of a fault: the filters settle first.
+    /// Leaves faulty channels out. What they read is no vibration, nor is the jump at the beginning and
+    /// end of a fault: the filters settle first.
     #[cold]
     #[inline(never)]
-    fn leave_out(&mut self, Signals { taxels, bridges, health }: &Signals, settling: u16) {
-        if core::mem::replace(&mut self.health, *health) != *health {
+    fn leave_out(&mut self, signals: &Signals, settling: u16) {
+        if core::mem::replace(&mut self.health, signals.health) != signals.health {
             self.settling = settling;
         }
-        let Sums { quadrants, bridges: sums, .. } = &mut self.sums;
-        if let Some(taxels) = taxels {
-            for (k, c) in taxels.iter().enumerate() {
-                if (health.saturated | health.dead) >> k & 1 == 1
-                    && let Some(quadrant) =
-                        quadrants.as_flattened_mut().get_mut(k / 8 * 2 + k % COLS / 2)
-                {
-                    *quadrant -= c;
-                }
-            }
-        }
-        for (i, u) in bridges.iter().enumerate() {
-            if health.bridge_faults >> i & 1 == 1
-                && let Some(u) = u
-            {
-                sums.iter_mut().zip(u).for_each(|(sum, u)| *sum -= u);
-            }
-        }
+        self.sums.leave_out(signals);
     }
 
     /// Returns whether the last sample vibrated.

@@ -47,6 +47,7 @@ bind_interrupts!(struct Irqs {
 const PRODUCT: &str = concat!("fingertip ", env!("CARGO_PKG_NAME"));
 /// Address of the ROM bootloader's vector table (AN2606).
 const ROM: usize = 0x1FFF_0000;
+
 static EXECUTOR: StaticCell<Executor> = StaticCell::new();
 static INSTRUMENT: StaticCell<Instrument> = StaticCell::new();
 
