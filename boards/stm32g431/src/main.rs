@@ -76,7 +76,8 @@ fn main() -> ! {
     if let Some(panic) = &panic {
         defmt::error!("last panic: {=str}", panic.as_str());
     }
-    let mut core = defmt::unwrap!(cortex_m::Peripherals::take());
+    // SAFETY: nothing else uses trace or cycle counter.
+    let mut core = unsafe { cortex_m::Peripherals::steal() };
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
 
