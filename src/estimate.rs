@@ -61,7 +61,8 @@ impl NormalContact {
 /// The deviations contain the noise, the residual of the calibration, and the errors that no
 /// calibration removes. Skin and contact position are known to
 /// [`SKIN_ERROR`](crate::finger::SKIN_ERROR) and [`PLACE_ERROR`](crate::finger::PLACE_ERROR), a
-/// force sensor's gain to half a per cent.
+/// force sensor's gain to half a per cent. Those of the force are wider while its rate changes
+/// within the lag that the calibration compensates.
 ///
 /// A finger that has not aged or warmed since its calibration does better. The errors of such a
 /// finger, divided by these standard deviations, have the following root mean squares

@@ -14,6 +14,7 @@
 //! in any case. The matrix then runs if the frames carry a field that needs it, or if the array knows
 //! no force.
 
+mod course;
 mod filters;
 mod fusion;
 mod limits;
@@ -31,9 +32,11 @@ use crate::estimate::gate::{Gate, GateState, unmistakable};
 use crate::estimate::slip::{Slip, Verdict};
 use crate::estimate::{ContactPoint, Force, NormalContact, Uncertainty};
 use crate::frame::{Fields, FrameRef, Status};
+use crate::math::at_least;
 use crate::measured::{Measured, NoValue};
 use crate::scan::{Codes, SENSORS, Scan, TAXELS};
 use crate::units::{Micros, NewtonMillimetres};
+use course::Course;
 use filters::{Filters, steady, without_drift};
 use fusion::{ArrayEstimate, Fused};
 use matrix::{MatrixState, OpticalEstimate, OpticalInput};
@@ -70,6 +73,7 @@ pub struct FingerState {
     taker: Option<BiasTaker>,
     filters: Filters,
     matrix: MatrixState,
+    course: Course,
     grip: GripState,
 }
 
@@ -235,6 +239,7 @@ impl FingerState {
     #[inline(never)]
     fn contact_changed(&mut self, contact: bool, now: Micros) {
         if contact {
+            self.course = Course::begin(now);
             self.grip.begin(now);
             self.filters.freeze(now);
         } else {
@@ -314,6 +319,8 @@ impl Finger {
             taker,
             filters,
             matrix,
+            // Each contact begins a new one.
+            course: _,
             grip,
         } = state;
         // No time has passed before the first scan.
@@ -499,12 +506,17 @@ impl Finger {
                 input.estimate(&mut state.matrix, status)
             }
         };
-        let fused = Fused::of(&optical, &array, status);
+        let mut fused = Fused::of(&optical, &array, status);
         let torsion = array.torsion;
         estimate.slip = slip.and_then(|(slip, rubs)| {
             let grip = Grip { time: *time, fused: &fused, torsion, optical: &optical, rubs };
             grip.judge(record, slip, &mut state.grip, status)
         });
+        if let Some(lag) = record.and_then(Calibration::lag) {
+            let optical = if optical.force[2].is_ok() { lag.taxels } else { 0.0 };
+            let lag = if array.force.is_ok() { at_least(lag.sensors, optical) } else { optical };
+            state.course.widen(estimate.time, lag, &mut fused.force);
+        }
         fused.write(estimate, optical.misfit, fields);
         estimate.torsion = torsion;
         estimate.contacts = optical.contacts;

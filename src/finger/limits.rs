@@ -1,6 +1,6 @@
 //! Bounds of what a fingertip can measure. Absurd coefficients in a record lead beyond them.
 
-use super::{Estimate, FingerState, GripState};
+use super::{Course, Estimate, FingerState, GripState};
 use crate::estimate::{ContactPoint, Force};
 use crate::frame::Status;
 use crate::measured::NoValue;
@@ -52,6 +52,7 @@ pub(super) fn withhold(estimate: &mut Estimate, state: &mut FingerState) {
     estimate.uncertainty = Err(REASON);
     estimate.status.insert(Status::OUT_OF_RANGE);
     state.matrix.clear();
+    state.course = Course::default();
     state.grip = GripState::default();
 }
 

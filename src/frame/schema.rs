@@ -117,7 +117,7 @@ macro_rules! frame_fields {
                     columns: &[Columns::Measured("fx_sigma_n fy_sigma_n fz_sigma_n x_sigma_mm y_sigma_mm misfit")],
                     rows: &[
                         Row("`fx_sigma_n` … `fz_sigma_n` `x_sigma_mm` `y_sigma_mm`", "N, mm",
-                            "standard deviations of force and contact point (field `uncertainty`, on request)"),
+                            "standard deviations of force and contact point (field `uncertainty`, on request); those of the force are wider while its rate changes quickly"),
                         Row("`misfit`", "–",
                             "residual of the model of the skin over its residual in calibration: about 1 for a contact like \
                              those of the calibration, above 10 it is not a single contact"),

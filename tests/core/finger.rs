@@ -3,7 +3,7 @@
 use crate::common;
 use crate::common::{LIT, calibration, everything, pressed, unloaded};
 use taxel::calibration::Calibration;
-use taxel::condition::{DriftCompensation, LowPass, PER_KELVIN};
+use taxel::condition::{DriftCompensation, LagCompensation, LowPass, PER_KELVIN};
 use taxel::estimate::Force;
 use taxel::estimate::contact_point::PointMethod;
 use taxel::estimate::inverse::Inverse;
@@ -262,6 +262,29 @@ fn contact_runs_all_sections_and_sets_their_status() {
     assert!(!pressed.status.contains(Status::RAN_CENTROID));
     // A dent of one taxel alone is no contact of this model, which cannot place it.
     assert_eq!(pressed.point, Err(NoValue::IllConditioned));
+}
+
+#[test]
+fn stated_error_of_a_force_is_wider_while_it_changes() {
+    let lag = Some(LagCompensation { taxels: 4e-3, sensors: 4e-3 });
+    let (finger, mut state) = Finger::new(Some(Calibration { lag, ..calibration() }));
+    let mut time = 0;
+    let mut stated = |codes: u16| -> Vec<f32> {
+        let estimate = |_| {
+            time += 1000;
+            let scan = if codes == 0 { unloaded(time) } else { pressed(time, 6, codes) };
+            finger.estimate(&mut state, &scan).uncertainty.ok()?.force.z.ok()
+        };
+        (0..80).filter_map(estimate).map(|sigma| sigma.0).collect()
+    };
+    assert!(stated(0).is_empty());
+    let touch = stated(3_277);
+    assert!(touch[0] > 0.03 && *touch.last().unwrap() < 0.0101, "{touch:?}");
+    let more = stated(6_554);
+    assert!(more[1] > 0.02 && *more.last().unwrap() < 0.0101, "{more:?}");
+    stated(0);
+    let next = stated(6_554);
+    assert!(next[0] > 0.06, "a contact knows nothing of the one before: {next:?}");
 }
 
 #[test]

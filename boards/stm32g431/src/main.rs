@@ -76,7 +76,7 @@ fn main() -> ! {
     if let Some(panic) = &panic {
         defmt::error!("last panic: {=str}", panic.as_str());
     }
-    // SAFETY: nothing else uses trace or cycle counter.
+    // SAFETY: nothing else takes the core's peripherals; others only read the cycle counter.
     let mut core = unsafe { cortex_m::Peripherals::steal() };
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();

@@ -24,6 +24,8 @@ pub struct TargetMetrics {
     pub target: String,
     /// The figures; `None` if no row had an estimate.
     pub figures: Option<Figures>,
+    /// Share of the estimates with a stated error that are off by no more than it.
+    pub within: Option<f64>,
     /// Share of the estimates with a stated error that are off by more than three times it.
     pub beyond: Option<f64>,
     /// Rows with a reference but without an estimate, by reason.
@@ -34,8 +36,10 @@ pub struct TargetMetrics {
 #[derive(Clone, Debug, Default)]
 pub struct Errors {
     errors: Vec<f64>,
-    /// Rows with a stated error, and those among them that are off by more than three times it.
+    /// Rows with a stated error, and those among them that are off by no more than it and by more
+    /// than three times it.
     stated: usize,
+    within: usize,
     beyond: usize,
     withheld: BTreeMap<String, usize>,
 }
@@ -50,6 +54,7 @@ impl Errors {
     pub fn add_stated(&mut self, error: f64, sigma: f64) {
         self.add(error);
         self.stated += 1;
+        self.within += usize::from(error.abs() <= sigma);
         self.beyond += usize::from(error.abs() > 3.0 * sigma);
     }
 
@@ -65,10 +70,12 @@ impl Errors {
 
     /// Computes the figures of the target of this name.
     pub fn into_metrics(self, target: impl Into<String>) -> TargetMetrics {
+        let share = |of: usize| (self.stated > 0).then(|| of as f64 / self.stated as f64);
         TargetMetrics {
             target: target.into(),
             figures: figures(&self.errors),
-            beyond: (self.stated > 0).then(|| self.beyond as f64 / self.stated as f64),
+            within: share(self.within),
+            beyond: share(self.beyond),
             withheld: self.withheld,
         }
     }
@@ -137,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_beyond_three_sigma_are_counted() {
+    fn errors_within_one_and_beyond_three_sigma_are_counted() {
         let mut errors = Errors::default();
         errors.add(9.0);
         assert_eq!(errors.clone().into_metrics("fz_n").beyond, None);
@@ -145,7 +152,8 @@ mod tests {
             errors.add_stated(error, 0.1);
         }
         let metrics = errors.into_metrics("fz_n");
-        assert_eq!((metrics.beyond, metrics.figures.unwrap().n), (Some(0.25), 5));
+        assert_eq!((metrics.within, metrics.beyond), (Some(0.5), Some(0.25)));
+        assert_eq!(metrics.figures.unwrap().n, 5);
     }
 
     proptest! {

@@ -87,7 +87,7 @@ pub fn task(board: &str) -> Result<()> {
         bail!("no board `{board}`; there are: {}", boards.join(", "));
     }
     setup(&["boards"])?;
-    let log = std::env::var("DEFMT_LOG").ok().filter(|level| !level.is_empty());
+    let log = std::env::var("DEFMT_LOG").ok().filter(|level| !level.is_empty() && level != "off");
     let (path, _) = build_with(board, log.as_deref())?;
     println!("{}", path.display());
     Ok(())

@@ -124,6 +124,12 @@ fn measures() -> Result<String> {
             sim,
             ablated,
         ),
+        measure(
+            "values within one stated deviation, mean of the quantities",
+            pair(|part| Ok(format!("{:.0} %", error(part, "within 1 sigma / %")?)))?,
+            sim,
+            ablated,
+        ),
         measure("**resolution** (1σ) F_x / F_y / F_z, each scan", sigmas, sim, measured),
         measure("resolution (1σ) x / y, each scan", place, sim, measured),
         measure("detection threshold", one("detection threshold", 0, "mN")?, sim, measured),

@@ -35,8 +35,8 @@ pub struct Args {
     #[arg(long, value_name = "CAL.toml")]
     calibration: PathBuf,
     /// Print one JSON object with an entry per target: rmse, sigma, max, bias, n, withheld,
-    /// and beyond_3_sigma where the finger states its error. With several --data it has such an
-    /// object for each file.
+    /// and within_1_sigma and beyond_3_sigma where the finger states its error. With several
+    /// --data it has such an object for each file.
     #[arg(long)]
     json: bool,
 }
@@ -70,7 +70,10 @@ struct Figures<'m> {
     max: Option<f64>,
     bias: Option<f64>,
     n: usize,
-    /// Share of the values off by more than three of the standard deviations that they state.
+    /// Shares of the values off by at most one and by more than three of the standard deviations
+    /// that they state.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    within_1_sigma: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     beyond_3_sigma: Option<f64>,
     withheld: &'m BTreeMap<String, usize>,
@@ -85,6 +88,7 @@ impl<'m> Figures<'m> {
             max: figures.map(|f| f.max),
             bias: figures.map(|f| f.bias),
             n: figures.map_or(0, |f| f.n),
+            within_1_sigma: metrics.within,
             beyond_3_sigma: metrics.beyond,
             withheld: &metrics.withheld,
         }

@@ -41,7 +41,7 @@ const EFFECTS: [(&str, &str); 11] = [
 
 const IDEAL: &str = "ideal finger";
 const REFERENCE: &str = "reference finger";
-const HEADER: &str = "finger,device,part,fx / mN,fy / mN,fz / mN,point middle / mm,point pad / mm,beyond 3 sigma / %";
+const HEADER: &str = "finger,device,part,fx / mN,fy / mN,fz / mN,point middle / mm,point pad / mm,beyond 3 sigma / %,within 1 sigma / %";
 
 /// Judged recordings: scene, seed and changes; the last one is the whole pad.
 const JUDGED: [(&str, &str, &[&str]); 3] = [
@@ -149,20 +149,24 @@ fn rows(finger: &Finger, device: u32) -> Result<String> {
         }
         let force = |target: &str| 1e3 * over_contacts(&judged[..2], target);
         let point = |of: &[(Value, f64)]| over_rows(of, "x_mm").hypot(over_rows(of, "y_mm"));
-        let beyond = judged.iter().flat_map(|(found, _)| {
-            let targets = ["fx_n", "fy_n", "fz_n", "x_mm", "y_mm"];
-            targets.into_iter().filter_map(|target| found[target]["beyond_3_sigma"].as_f64())
-        });
+        let shares = |figure: &'static str| {
+            judged.iter().flat_map(move |(found, _)| {
+                let targets = ["fx_n", "fy_n", "fz_n", "x_mm", "y_mm"];
+                targets.into_iter().filter_map(move |target| found[target][figure].as_f64())
+            })
+        };
+        let within: Vec<f64> = shares("within_1_sigma").collect();
         let _ = writeln!(
             text,
-            "{},{device},{part},{:.2},{:.2},{:.2},{:.4},{:.4},{:.2}",
+            "{},{device},{part},{:.2},{:.2},{:.2},{:.4},{:.4},{:.2},{:.1}",
             finger.name,
             force("fx_n"),
             force("fy_n"),
             force("fz_n"),
             point(&judged[..2]),
             point(&judged[2..]),
-            100.0 * beyond.fold(f64::NAN, f64::max),
+            100.0 * shares("beyond_3_sigma").fold(f64::NAN, f64::max),
+            100.0 * within.iter().sum::<f64>() / within.len() as f64,
         );
     }
     Ok(text)
@@ -266,6 +270,27 @@ mod tests {
         let cells: Vec<&str> = row.split(" | ").skip(2).collect();
         let readme = std::fs::read_to_string(root().join("README.md")).unwrap();
         assert!(readme.contains(&format!("| reference finger | {}", cells.join(" | "))));
+    }
+
+    #[test]
+    fn reference_finger_states_its_errors() {
+        let text = std::fs::read_to_string(csv()).unwrap();
+        let means = means(&text).unwrap();
+        let figures = |part: &str| means[&(REFERENCE.into(), part.into())].0.clone();
+        let [matrix, both] = ["matrix", "both"].map(figures);
+        // A hundredth is asked of each device and effect; a normal distribution has 68 % within one.
+        for line in text.lines().filter(|line| line.starts_with(REFERENCE)) {
+            let mut shares = line.rsplit(',').map(|cell| cell.parse::<f64>().unwrap());
+            let (within, beyond) = (shares.next().unwrap(), shares.next().unwrap());
+            assert!(within > 68.0 && beyond <= 1.0, "{line}");
+        }
+        let page = std::fs::read_to_string(root().join("docs/accuracy.md")).unwrap();
+        let beyond =
+            format!("{:.1} % of its values (matrix alone) and {:.1} %", matrix[5], both[5]);
+        let within = format!("within one are {:.0} and {:.0} % of all", matrix[6], both[6]);
+        for said in [beyond, within] {
+            assert!(page.contains(&said), "docs/accuracy.md should say: {said}");
+        }
     }
 
     #[test]
