@@ -25,26 +25,34 @@ const TOOLS: [(&str, &str); 2] = [
     ("about", "cargo install --locked cargo-about --features cli"),
 ];
 
-/// Writes `PROGRAM.cdx.json` and `PROGRAM.notices.txt` into the folder `out`.
-///
-/// # Errors
-/// The program is unknown, a tool is missing, or a part has a licence that `deny.toml` does not
-/// allow.
-pub fn task(program: &str, out: &Path) -> Result<()> {
-    let Some((_, folder)) = PROGRAMS.iter().find(|(name, _)| *name == program) else {
-        let names = PROGRAMS.map(|(name, _)| name).join(", ");
-        bail!("no released program is called `{program}`; they are {names}");
-    };
+/// Fails where a tool is missing.
+pub fn need_tools() -> Result<()> {
     for (tool, install) in TOOLS {
         if answer(cargo().args([tool, "--version"])).is_none() {
             bail!("`cargo {tool}` is missing; install it with `{install}`");
         }
     }
-    fs::create_dir_all(out).with_context(|| out.display().to_string())?;
-    let out = out.canonicalize().with_context(|| out.display().to_string())?;
+    Ok(())
+}
+
+/// Files that [`write`] makes of a program: bill of materials and licences.
+pub fn files(program: &str) -> [String; 2] {
+    ["cdx.json", "notices.txt"].map(|end| format!("{program}.{end}"))
+}
+
+/// Writes the [`files`] of a program into the folder `out`.
+///
+/// # Errors
+/// The program is unknown, or a part has a licence that `deny.toml` does not allow.
+pub fn write(program: &str, out: &Path) -> Result<()> {
+    let Some((_, folder)) = PROGRAMS.iter().find(|(name, _)| *name == program) else {
+        let names = PROGRAMS.map(|(name, _)| name).join(", ");
+        bail!("no released program is called `{program}`; they are {names}");
+    };
     let manifest = root().join(folder).join("Cargo.toml");
-    parts(program, &manifest, &out.join(format!("{program}.cdx.json")))?;
-    notices(program, &manifest, &out.join(format!("{program}.notices.txt")))
+    let [bill, licences] = files(program).map(|file| out.join(file));
+    parts(program, &manifest, &bill)?;
+    notices(program, &manifest, &licences)
 }
 
 /// Writes the bill of materials. The tool leaves one beside each package of the workspace.
@@ -122,7 +130,7 @@ mod tests {
 
     #[test]
     fn unknown_program_is_refused_with_the_known_ones() {
-        let refused = task("stm32f7", Path::new("nowhere")).unwrap_err().to_string();
+        let refused = write("stm32f7", Path::new("nowhere")).unwrap_err().to_string();
         assert!(refused.contains("taxel, stm32g431, stm32g473, stm32f411"), "{refused}");
     }
 }

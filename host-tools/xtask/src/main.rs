@@ -19,6 +19,7 @@ mod panics;
 mod protocol;
 mod python;
 mod registers;
+mod release;
 #[cfg(test)]
 mod rings;
 mod run;
@@ -56,14 +57,8 @@ enum Task {
         /// A folder of `boards/`
         board: String,
     },
-    /// Writes the bill of materials (SBOM) of a released program and the licences of its parts
-    Bill {
-        /// `taxel` or a board
-        program: String,
-        /// Folder to write into
-        #[arg(long, value_name = "FOLDER")]
-        out: std::path::PathBuf,
-    },
+    /// Makes the files of a release: images, packages, wheels, archive, SBOMs, licences, checksums
+    Release(release::Release),
     /// Builds the emulator and the boards' images, for `taxel demo --emulated` and `replay --on`
     Emulator,
     /// Counts the instructions and modelled cycles of every core stage on a Cortex-M4F
@@ -98,7 +93,7 @@ fn main() -> ExitCode {
     let done = match arguments.task {
         Task::Test(test) => test::task(&test, &mut steps),
         Task::Firmware { board } => firmware::task(&board),
-        Task::Bill { program, out } => bill::task(&program, &out),
+        Task::Release(release) => release::task(&release, &mut steps),
         Task::Emulator => emulator::task(),
         Task::Cycles(cycles) => cycles::task(&cycles),
         Task::Registers { check } => registers::task(check),

@@ -1,0 +1,232 @@
+//! `cargo xtask release`: all files of a release, in one folder.
+//!
+//! Images, the core's package, the Python client, and the command as a wheel and as an archive, each
+//! program with its bill of materials and its parts' licences, and checksums of all.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::{Args, ValueEnum};
+use object::{Object, ObjectSegment};
+
+use crate::run::{answer, cargo, clean, lines, locked, program, root, run, setup, target};
+use crate::steps::Steps;
+use crate::{bill, firmware};
+
+/// Arguments of `cargo xtask release`.
+#[derive(Args)]
+pub struct Release {
+    /// One part of the files
+    #[arg(value_enum, default_value_t = Part::All)]
+    part: Part,
+    /// Folder to write into, which must not hold anything
+    #[arg(long, value_name = "FOLDER", default_value = "dist")]
+    out: PathBuf,
+}
+
+/// Parts that can be made on separate machines.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Part {
+    /// Images of the boards, the core's package and the Python client
+    Firmware,
+    /// The command for this machine's system
+    Command,
+    /// All of them, with checksums
+    All,
+}
+
+/// Packages for crates.io: the core and what it depends on.
+const PACKAGES: [&str; 2] = ["taxel-dsp", "taxel"];
+/// Largest package and largest program in bytes.
+const LARGEST_PACKAGE: u64 = 1 << 20;
+const LARGEST_PROGRAM: u64 = 25 << 20;
+
+/// Makes the files of a release.
+///
+/// # Errors
+/// The tree has changes, the folder holds something, a tool is missing, a file is too large, or an
+/// image differs when it is built in another folder.
+pub fn task(release: &Release, steps: &mut Steps) -> Result<()> {
+    let changed = lines(program("git", &root()).args(["status", "--porcelain"]));
+    ensure!(
+        changed.is_some_and(|files| files.is_empty()),
+        "the tree has changes, and a release is that of a commit: commit or stash them"
+    );
+    bill::need_tools()?;
+    let out = &release.out;
+    fs::create_dir_all(out).with_context(|| out.display().to_string())?;
+    let out = &out.canonicalize().with_context(|| out.display().to_string())?;
+    ensure!(
+        fs::read_dir(out)?.next().is_none(),
+        "{} is not empty: empty it, or choose another folder with --out",
+        out.display()
+    );
+    if release.part != Part::Command {
+        images(out, steps)?;
+        steps.take("packages of the core", || packages(out))?;
+        steps.take("Python client", || wheel("host-tools/python", out).map(|_| ()))?;
+    }
+    if release.part != Part::Firmware {
+        steps.take("the command", || command(out))?;
+    }
+    if release.part == Part::All {
+        steps.take("checksums", || checksums(out))?;
+    }
+    for file in files(out)? {
+        eprintln!("{:>10}  {}", fs::metadata(&file)?.len(), file.display());
+    }
+    Ok(())
+}
+
+/// Builds the image of every board, here and in another folder, and compares what is flashed.
+fn images(out: &Path, steps: &mut Steps) -> Result<()> {
+    setup(&["boards"])?;
+    let boards: Vec<String> = firmware::boards()?
+        .into_iter()
+        .filter_map(|board| match firmware::is_hardware(&board) {
+            Ok(true) => Some(Ok(board)),
+            Ok(false) => None,
+            Err(error) => Some(Err(error)),
+        })
+        .collect::<Result<_>>()?;
+    for board in &boards {
+        steps.take(&format!("firmware of {board}"), || {
+            let (image, _) = firmware::build(board)?;
+            fs::copy(image, out.join(format!("{board}.elf")))?;
+            bill::write(board, out)
+        })?;
+    }
+    steps.take("the same images from another folder", || {
+        let elsewhere = target().join("release-elsewhere");
+        if elsewhere.exists() {
+            fs::remove_dir_all(&elsewhere)?;
+        }
+        run(program("git", &root()).args(["clone", "--quiet", "."]).arg(&elsewhere))?;
+        for board in &boards {
+            let mut build = clean("cargo", &elsewhere);
+            let again = answer(build.args(["xtask", "firmware", board]))
+                .with_context(|| format!("{board} is not built in {}", elsewhere.display()))?;
+            let [here, there] = [out.join(format!("{board}.elf")), again.into()].map(flashed);
+            let (here, there) = (here?, there?);
+            ensure!(here == there, "{board}: the image depends on the folder in which it is built");
+            let bytes = here.iter().map(|(_, bytes)| bytes.len()).sum::<usize>();
+            eprintln!("{board}: the same {bytes} bytes");
+        }
+        Ok(fs::remove_dir_all(&elsewhere)?)
+    })
+}
+
+/// Returns what a programmer writes of an image: addresses and bytes.
+fn flashed(elf: PathBuf) -> Result<Vec<(u64, Vec<u8>)>> {
+    let bytes = fs::read(&elf).with_context(|| elf.display().to_string())?;
+    let file = object::File::parse(&*bytes)?;
+    let part = |part: object::Segment<'_, '_>| Ok((part.address(), part.data()?.to_vec()));
+    file.segments().map(part).collect()
+}
+
+/// Packs and checks the core for crates.io.
+fn packages(out: &Path) -> Result<()> {
+    let mut pack = cargo();
+    pack.arg("package").args(locked());
+    PACKAGES.iter().for_each(|name| {
+        pack.args(["--package", name]);
+    });
+    run(&mut pack)?;
+    for name in PACKAGES {
+        let file = format!("{name}-{}.crate", env!("CARGO_PKG_VERSION"));
+        let packed = target().join("package").join(&file);
+        within(&packed, LARGEST_PACKAGE)?;
+        fs::copy(packed, out.join(file))?;
+    }
+    Ok(())
+}
+
+/// Builds the command once, as a wheel, and packs its program as an archive by the name that
+/// cargo-binstall looks for.
+fn command(out: &Path) -> Result<()> {
+    let wheel = wheel("host-tools/cli", out)?;
+    let folder = target().join("release-command");
+    if folder.exists() {
+        fs::remove_dir_all(&folder)?;
+    }
+    fs::create_dir_all(&folder)?;
+    run(program(python()?, &folder).args(["-m", "zipfile", "-e"]).arg(wheel).arg("wheel"))?;
+    let name = format!("taxel{}", std::env::consts::EXE_SUFFIX);
+    let built =
+        files(&folder.join("wheel"))?.into_iter().map(|data| data.join("scripts").join(&name));
+    let built =
+        built.into_iter().find(|file| file.is_file()).context("the wheel has no program")?;
+    within(&built, LARGEST_PROGRAM)?;
+    let archive = folder.join("archive");
+    fs::create_dir(&archive)?;
+    let taxel = archive.join(&name);
+    fs::copy(built, &taxel)?;
+    #[cfg(unix)]
+    fs::set_permissions(&taxel, std::os::unix::fs::PermissionsExt::from_mode(0o755))?;
+    run(program(&taxel, &folder).args([
+        "demo",
+        "--headless",
+        "--duration",
+        "2",
+        "--tcp",
+        "127.0.0.1:0",
+    ]))?;
+    bill::write("taxel", out)?;
+    for file in bill::files("taxel") {
+        fs::copy(out.join(&file), archive.join(&file))?;
+    }
+    for file in ["README.md", "LICENSE-APACHE", "LICENSE-MIT"] {
+        fs::copy(root().join(file), archive.join(file))?;
+    }
+    let host = answer(clean("rustc", &root()).args(["--print", "host-tuple"]));
+    let host = host.context("`rustc --print host-tuple` fails")?;
+    run(program("tar", &archive).arg("-czf").arg(out.join(format!("taxel-{host}.tar.gz"))).arg("."))
+}
+
+/// Builds the wheel of a folder into `out` and returns its path.
+fn wheel(folder: &str, out: &Path) -> Result<PathBuf> {
+    let before = files(out)?;
+    run(program(python()?, &root())
+        .args(["-m", "pip", "wheel", "--quiet", "--disable-pip-version-check", "--no-deps"])
+        .arg("--wheel-dir")
+        .arg(out)
+        .arg(format!("./{folder}")))?;
+    let made = files(out)?.into_iter().find(|file| !before.contains(file));
+    made.with_context(|| format!("pip made no wheel of {folder}"))
+}
+
+/// Returns the interpreter of an environment that holds pip alone.
+fn python() -> Result<PathBuf> {
+    let environment = target().join("python-release");
+    let folder = environment.join(if cfg!(windows) { "Scripts" } else { "bin" });
+    let python = folder.join(format!("python{}", std::env::consts::EXE_SUFFIX));
+    if answer(program(&python, &root()).args(["-m", "pip", "--version"])).is_none() {
+        run(program("python3", &root()).args(["-m", "venv"]).arg(&environment))?;
+    }
+    Ok(python)
+}
+
+/// Writes `SHA256SUMS`, for `sha256sum --check SHA256SUMS`.
+fn checksums(out: &Path) -> Result<()> {
+    let names = files(out)?.into_iter().filter_map(|file| Some(file.file_name()?.to_owned()));
+    let sums =
+        lines(program("sha256sum", out).arg("--").args(names)).context("`sha256sum` fails")?;
+    Ok(fs::write(out.join("SHA256SUMS"), sums.join("\n") + "\n")?)
+}
+
+fn within(file: &Path, most: u64) -> Result<()> {
+    let bytes = fs::metadata(file).with_context(|| file.display().to_string())?.len();
+    if bytes > most {
+        bail!("{}: {bytes} bytes, at most {most}", file.display());
+    }
+    Ok(())
+}
+
+/// Entries of a folder in the order of their names.
+fn files(folder: &Path) -> Result<Vec<PathBuf>> {
+    let mut files: Vec<PathBuf> =
+        fs::read_dir(folder)?.map(|file| Ok(file?.path())).collect::<Result<_>>()?;
+    files.sort();
+    Ok(files)
+}
