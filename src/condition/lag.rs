@@ -253,6 +253,17 @@ mod tests {
         }
     }
 
+    #[test]
+    fn unneeded_scans_are_left_out_for_less_than_200_microseconds() {
+        let mut state = LagState::default();
+        let mut signals = signals(0.0, 0.0);
+        LAG.advance(&mut state, 100, &mut signals);
+        let skipped = [50, 50, 99, 1].map(|passed| LagCompensation::skip(&mut state, passed));
+        assert_eq!(skipped, [true, true, true, false]);
+        LAG.advance(&mut state, 1, &mut signals);
+        assert!(LagCompensation::skip(&mut state, 125), "the time counts from the scan that ran");
+    }
+
     /// A force after two low-passes that together take `lag`, in steps of 5 µs.
     struct Coating([f64; 2], f64);
 

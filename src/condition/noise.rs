@@ -133,6 +133,54 @@ mod tests {
         assert_eq!(noisy.max(), Some(0));
     }
 
+    /// Scans in which each sensor is watched for a window.
+    const TURN: usize = SENSORS * (FILL + BLOCK * BLOCKS) as usize;
+
+    /// Reports after some scans in which each sensor has so many times its noise.
+    fn after(watch: &mut NoiseWatch, state: &mut u32, times: [f32; SENSORS], scans: usize) -> u8 {
+        let scan = |_| {
+            let bridges = times.map(|times| Some([0.0; 3].map(|_| times * NOISE * noise(state))));
+            watch.update(&Signals { bridges, ..Signals::default() }, &bias())
+        };
+        (0..scans).map(scan).last().unwrap_or_default()
+    }
+
+    #[test]
+    fn each_noisy_sensor_is_named_until_it_is_quiet() {
+        for loud in 0..SENSORS {
+            let (mut watch, mut state) = (NoiseWatch::default(), 1);
+            let mut times = [1.0; SENSORS];
+            times[loud] = 3.0;
+            assert_eq!(after(&mut watch, &mut state, times, TURN), 1 << loud);
+            times[(loud + 1) % SENSORS] = 3.0;
+            let both = 1 << loud | 1 << ((loud + 1) % SENSORS);
+            assert_eq!(after(&mut watch, &mut state, times, TURN), both);
+            assert_eq!(after(&mut watch, &mut state, [1.0; SENSORS], TURN), 0);
+        }
+    }
+
+    #[test]
+    fn lost_scans_keep_no_sensor_from_its_turn() {
+        let (mut watch, mut state) = (NoiseWatch::default(), 1);
+        let mut noisy = 0;
+        for _ in 0..2 * SENSORS {
+            noisy = after(&mut watch, &mut state, [1.0, 1.0, 1.0, 3.0], TURN / SENSORS + 10);
+            watch.interrupt();
+        }
+        assert_eq!(noisy, 0b1000);
+    }
+
+    #[test]
+    fn finger_without_noise_is_not_noisy() {
+        let silent = Bias {
+            bridges: [Some(BridgeBias { level: [0.0; 3], noise: 0.0 }); SENSORS],
+            ..Bias::default()
+        };
+        let still = Signals { bridges: [Some([0.0; 3]); SENSORS], ..Signals::default() };
+        let mut watch = NoiseWatch::default();
+        assert_eq!((0..2 * TURN).map(|_| watch.update(&still, &silent)).max(), Some(0));
+    }
+
     #[test]
     fn nan_signals_do_not_stop_the_watch() {
         let mut watch = NoiseWatch::default();

@@ -314,6 +314,46 @@ fn force_sensors_replace_matrix_with_dead_taxel() {
 }
 
 #[test]
+fn force_sensors_state_their_residual_and_half_a_per_cent() {
+    let (finger, mut state) = Finger::new(Some(everything()));
+    let mut scan = unloaded(0);
+    scan.codes.taxels = None;
+    scan.codes.bridges = [scan.codes.bridges[0]; 4];
+    settled(&finger, &mut state, &scan);
+    scan.codes.bridges.iter_mut().flatten().for_each(|bridge| bridge.a.0 += 2_000);
+    let mut estimate = Estimate::NOTHING;
+    for _ in 0..100 {
+        scan.time.0 += 1000;
+        estimate = finger.estimate(&mut state, &scan);
+    }
+    let (Ok(Newtons(fz)), Ok(sure)) = (estimate.force.z, estimate.uncertainty) else {
+        panic!("{estimate:?}")
+    };
+    let sigma = sure.force.z.unwrap().0;
+    assert!(fz.abs() > 0.02 && (sigma - 1e-3 - 0.005 * fz.abs()).abs() < 1e-6, "{fz}, {sigma}");
+}
+
+#[test]
+fn matrix_and_force_sensors_that_contradict_each_other_are_flagged() {
+    let (mut finger, mut state) = Finger::new(Some(everything()));
+    finger.point_method = PointMethod::Centroid;
+    let with_sensors = |mut scan: Scan| {
+        scan.codes.bridges = [scan.codes.bridges[0]; 4];
+        scan
+    };
+    let alone = settled(&finger, &mut state, &pressed(0, 6, 6_554));
+    assert!(alone.force.z.is_ok() && !alone.status.contains(Status::DISAGREE));
+    settled(&finger, &mut state, &with_sensors(unloaded(0)));
+    // The sensors feel nothing of 0.2 N. They are the surer ones.
+    let both = settled(&finger, &mut state, &with_sensors(pressed(0, 6, 6_554)));
+    assert!(both.status.contains(Status::DISAGREE), "{:?}", both.status);
+    assert!(both.force.z.unwrap().0.abs() < 0.01, "{:?}", both.force);
+    // A contradiction of 0.02 N may be an error.
+    let light = settled(&finger, &mut state, &with_sensors(pressed(0, 6, 400)));
+    assert!(!light.status.contains(Status::DISAGREE), "{:?}", light.status);
+}
+
+#[test]
 fn force_sensor_gain_follows_temperature() {
     let mut record = everything();
     let warmth = record.warmth.as_mut().unwrap();
