@@ -4,19 +4,17 @@
 //! directory first, and cargo runs it in `boards/`: no `memory.x` may be there. The one in the
 //! repository's root is the product's. `cargo xtask firmware` checks the result.
 
+include!("../common/log_script.rs");
+
 fn main() {
     let here = std::env::var("CARGO_MANIFEST_DIR").expect("cargo sets CARGO_MANIFEST_DIR");
     let common = format!("{here}/../common");
     println!("cargo:rustc-link-search={here}");
     println!("cargo:rustc-link-search={common}");
     println!("cargo:rustc-link-arg-bins=-Tlink.x");
-    // defmt's own script keeps the code of the log, which an image without one never calls.
-    println!("cargo:rerun-if-env-changed=DEFMT_LOG");
-    let silent = std::env::var("DEFMT_LOG").is_ok_and(|level| level == "off");
-    let log = if silent { "no-log.x" } else { "defmt.x" };
-    println!("cargo:rustc-link-arg-bins=-T{log}");
+    pass_log_script();
     // lld pads segments to 64 KB pages by default; bare metal has no pages.
     println!("cargo:rustc-link-arg-bins=--nmagic");
     println!("cargo:rerun-if-changed={here}");
-    println!("cargo:rerun-if-changed={common}/no-log.x");
+    println!("cargo:rerun-if-changed={common}");
 }

@@ -334,7 +334,7 @@ fn force_sensors_state_their_residual_and_half_a_per_cent() {
 }
 
 #[test]
-fn matrix_and_force_sensors_that_contradict_each_other_are_flagged() {
+fn matrix_and_sensors_that_contradict_are_flagged() {
     let (mut finger, mut state) = Finger::new(Some(everything()));
     finger.point_method = PointMethod::Centroid;
     let with_sensors = |mut scan: Scan| {

@@ -10,13 +10,8 @@ use serde_json::Value;
 
 use crate::run::{answer, cargo, root, run, target};
 
-/// Released programs, each with the folder of its package.
-const PROGRAMS: [(&str, &str); 4] = [
-    ("taxel", "host-tools/cli"),
-    ("stm32g431", "boards/stm32g431"),
-    ("stm32g473", "boards/stm32g473"),
-    ("stm32f411", "boards/stm32f411"),
-];
+/// The command. A board's program has the name of its folder.
+pub const COMMAND: &str = "taxel";
 /// Licence of the page's plots, the only part of `taxel` that is no crate.
 const PLOTS: &str = "host-tools/cli/assets/page/uplot/LICENSE";
 /// Cargo's subcommands, and what installs them.
@@ -40,15 +35,12 @@ pub fn files(program: &str) -> [String; 2] {
     ["cdx.json", "notices.txt"].map(|end| format!("{program}.{end}"))
 }
 
-/// Writes the [`files`] of a program into the folder `out`.
+/// Writes the [`files`] of the command or of a board's program into the folder `out`.
 ///
 /// # Errors
-/// The program is unknown, or a part has a licence that `deny.toml` does not allow.
+/// A part has a licence that `deny.toml` does not allow.
 pub fn write(program: &str, out: &Path) -> Result<()> {
-    let Some((_, folder)) = PROGRAMS.iter().find(|(name, _)| *name == program) else {
-        let names = PROGRAMS.map(|(name, _)| name).join(", ");
-        bail!("no released program is called `{program}`; they are {names}");
-    };
+    let folder = if program == COMMAND { "host-tools/cli" } else { &format!("boards/{program}") };
     let manifest = root().join(folder).join("Cargo.toml");
     let [bill, licences] = files(program).map(|file| out.join(file));
     parts(program, &manifest, &bill)?;
@@ -89,7 +81,7 @@ fn notices(program: &str, manifest: &Path, out: &Path) -> Result<()> {
         .arg("--output-file")
         .arg(out)
         .arg(template))?;
-    if program == "taxel" {
+    if program == COMMAND {
         let plots = fs::read_to_string(root().join(PLOTS))?;
         let text = fs::read_to_string(out)?;
         fs::write(out, format!("{text}uPlot, which draws the page's plots\n\n{plots}"))?;
@@ -118,19 +110,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn programs_are_packages_and_licences_those_of_deny() {
-        for (program, folder) in PROGRAMS {
-            let manifest = fs::read_to_string(root().join(folder).join("Cargo.toml")).unwrap();
-            assert!(manifest.contains(&format!("name = \"{program}\"")), "{program}");
-        }
+    fn licences_are_those_of_deny() {
         let about = accepted_licences().unwrap();
         assert!(about.contains("\"Apache-2.0\"") && !about.contains("GPL"), "{about}");
         assert!(fs::read_to_string(root().join(PLOTS)).unwrap().contains("Leon Sorokin"));
-    }
-
-    #[test]
-    fn unknown_program_is_refused_with_the_known_ones() {
-        let refused = write("stm32f7", Path::new("nowhere")).unwrap_err().to_string();
-        assert!(refused.contains("taxel, stm32g431, stm32g473, stm32f411"), "{refused}");
     }
 }

@@ -16,10 +16,8 @@ const PROGRAM: &str = if cfg!(windows) { "taxel-emulator.exe" } else { "taxel-em
 /// Runs `cargo xtask emulator`: builds the emulator and its images into [`folder`].
 pub fn task() -> Result<()> {
     setup(&["boards", "emulator"])?;
-    for board in firmware::boards()? {
-        if firmware::is_hardware(&board)? {
-            firmware::build(&board)?;
-        }
+    for board in firmware::hardware()? {
+        firmware::build(&board)?;
     }
     fill(cargo("build"))?;
     println!("{}", folder().display());
@@ -31,10 +29,8 @@ pub fn fill(mut build: Command) -> Result<()> {
     run(&mut build)?;
     std::fs::create_dir_all(folder())?;
     copy(&target().join("debug").join(PROGRAM))?;
-    for board in firmware::boards()? {
-        if firmware::is_hardware(&board)? {
-            copy(&firmware::directory().join(board).with_extension("elf"))?;
-        }
+    for board in firmware::hardware()? {
+        copy(&firmware::directory().join(board).with_extension("elf"))?;
     }
     Ok(())
 }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use serde::Deserialize;
 
 use crate::image::Image;
@@ -46,15 +46,6 @@ impl Board {
     }
 }
 
-fn check_budget(used: u64, most: u64, what: &str) -> Result<()> {
-    if used > most {
-        bail!(
-            "{used} bytes of {what} are over the budget of {most}; `llvm-nm -S --size-sort` shows what takes them"
-        );
-    }
-    Ok(())
-}
-
 /// Board that is the product.
 pub const PRODUCT: &str = "stm32g431";
 /// Image that measures the core's stages; no finger runs it.
@@ -75,9 +66,15 @@ pub fn boards() -> Result<Vec<String>> {
     Ok(boards)
 }
 
-/// Returns whether a finger runs on the board.
-pub fn is_hardware(board: &str) -> Result<bool> {
-    Ok(Board::read(board)?.hardware)
+/// Lists the boards on which a finger runs.
+pub fn hardware() -> Result<Vec<String>> {
+    let mut fingers = Vec::new();
+    for board in boards()? {
+        if Board::read(&board)?.hardware {
+            fingers.push(board);
+        }
+    }
+    Ok(fingers)
 }
 
 /// Runs `cargo xtask firmware BOARD`.
@@ -122,7 +119,11 @@ pub fn build_with(board: &str, log: Option<&str>) -> Result<(PathBuf, Footprint)
     for (used, most, what) in
         [(footprint.flash.used, flash_budget, "flash"), (footprint.ram.used, ram_budget, "RAM")]
     {
-        most.filter(|_| log.is_none()).map_or(Ok(()), |most| check_budget(used, most, what))?;
+        let most = most.filter(|_| log.is_none()).unwrap_or(u64::MAX);
+        ensure!(
+            used <= most,
+            "{used} bytes of {what} are over the budget of {most}; `llvm-nm -S --size-sort` shows what takes them"
+        );
     }
     if hardware {
         let stack = stack_fits(board, &built, &footprint)?;

@@ -13,12 +13,12 @@ use crate::run::{answer, program, root, run, setup, target};
 /// Checks the client's lints, types and installation, in environments under `target/`.
 pub fn checks() -> Result<()> {
     let client = folder();
-    let python = environment(&client)?;
+    let python = clients_environment(&client)?;
     let check = |module: &[&str]| run(program(&python, &client).arg("-m").args(module));
     check(&["ruff", "check", "."])?;
     check(&["ruff", "format", "--check", "src", "tests", "examples"])?;
     check(&["mypy"])?;
-    as_users_install_it(&python, &client)
+    as_users_install_it(&python)
 }
 
 /// Runs the client's tests against the built `taxel`; with `long`, streams last 600 s.
@@ -27,7 +27,7 @@ pub fn checks() -> Result<()> {
 /// is listed then.
 pub fn tests(long: bool) -> Result<()> {
     let client = folder();
-    let mut pytest = program(environment(&client)?, &client);
+    let mut pytest = program(clients_environment(&client)?, &client);
     if long {
         pytest.env("TAXEL_ENDURE_S", "600");
     }
@@ -49,17 +49,12 @@ serial: str = taxel.Finger(\"/dev/ttyACM0\").info().serial
 ///
 /// The environment holds nothing else. From outside the repository it imports `taxel` and checks a
 /// user's program against the installed types.
-fn as_users_install_it(tools: &Path, client: &Path) -> Result<()> {
+fn as_users_install_it(tools: &Path) -> Result<()> {
     let folder = target().join("python-user");
-    let environment = folder.join("environment");
-    let python = environment.join("bin/python");
-    let there = answer(Command::new(&python).args(["-c", "import numpy, serial, cobs; print(1)"]));
-    if there.is_none() {
-        run(program("python3", client).args(["-m", "venv"]).arg(&environment))?;
-    }
+    let (python, there) = environment(&folder.join("environment"), "import numpy, serial, cobs")?;
     // An existing environment keeps its dependencies; the client itself is installed again.
     let install = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check"];
-    let again: &[&str] = if there.is_some() { &["--force-reinstall", "--no-deps"] } else { &[] };
+    let again: &[&str] = if there { &["--force-reinstall", "--no-deps"] } else { &[] };
     run(program(&python, &root()).args(install).args(again).arg("./host-tools/python"))?;
     let typed = "import taxel, pathlib; p = pathlib.Path(taxel.__file__).parent; \
                  assert 'site-packages' in p.parts and (p / 'py.typed').exists(), p";
@@ -73,19 +68,28 @@ fn as_users_install_it(tools: &Path, client: &Path) -> Result<()> {
 }
 
 /// Returns the interpreter of an environment with the client and its tests' dependencies.
-fn environment(client: &Path) -> Result<PathBuf> {
-    let directory = target().join("python-client");
-    let python = directory.join("bin/python");
+fn clients_environment(client: &Path) -> Result<PathBuf> {
     // An older environment may lack some of these.
-    let all_there = "import pytest, pytest_rerunfailures, mypy, ruff, pandas, zenoh, h5py, mcap_protobuf, pyarrow, rosbags, websockets, xxhash";
-    let check = format!("{all_there}; print(1)");
-    if answer(Command::new(&python).args(["-c", &check])).is_some() {
-        return Ok(python);
+    let imports = "import pytest, pytest_rerunfailures, mypy, ruff, pandas, zenoh, h5py, mcap_protobuf, pyarrow, rosbags, websockets, xxhash";
+    let (python, there) = environment(&target().join("python-client"), imports)?;
+    if !there {
+        // The tests import a small part of these packages, so the rest is not compiled.
+        let install = ["-m", "pip", "install", "--quiet", "--no-compile", "--editable", ".[test]"];
+        run(program(&python, client).args(install))?;
     }
-    setup(&["python"])?;
-    run(program("python3", client).args(["-m", "venv"]).arg(&directory))?;
-    // The tests import a small part of these packages, so the rest is not compiled.
-    let install = ["-m", "pip", "install", "--quiet", "--no-compile", "--editable", ".[test]"];
-    run(program(&python, client).args(install))?;
     Ok(python)
+}
+
+/// Returns the interpreter of the environment in `folder`, and whether its `imports` are there; makes
+/// an empty environment where they are not.
+pub fn environment(folder: &Path, imports: &str) -> Result<(PathBuf, bool)> {
+    let programs = folder.join(if cfg!(windows) { "Scripts" } else { "bin" });
+    let python = programs.join(format!("python{}", std::env::consts::EXE_SUFFIX));
+    let check = format!("{imports}; print(1)");
+    let there = answer(Command::new(&python).args(["-c", &check])).is_some();
+    if !there {
+        setup(&["python"])?;
+        run(program("python3", &root()).args(["-m", "venv"]).arg(folder))?;
+    }
+    Ok((python, there))
 }

@@ -6,13 +6,13 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
 use object::{Object, ObjectSegment};
 
 use crate::run::{answer, cargo, clean, lines, locked, program, root, run, setup, target};
 use crate::steps::Steps;
-use crate::{bill, firmware};
+use crate::{bill, firmware, python};
 
 /// Arguments of `cargo xtask release`.
 #[derive(Args)]
@@ -82,14 +82,7 @@ pub fn task(release: &Release, steps: &mut Steps) -> Result<()> {
 /// Builds the image of every board, here and in another folder, and compares what is flashed.
 fn images(out: &Path, steps: &mut Steps) -> Result<()> {
     setup(&["boards"])?;
-    let boards: Vec<String> = firmware::boards()?
-        .into_iter()
-        .filter_map(|board| match firmware::is_hardware(&board) {
-            Ok(true) => Some(Ok(board)),
-            Ok(false) => None,
-            Err(error) => Some(Err(error)),
-        })
-        .collect::<Result<_>>()?;
+    let boards = firmware::hardware()?;
     for board in &boards {
         steps.take(&format!("firmware of {board}"), || {
             let (image, _) = firmware::build(board)?;
@@ -153,10 +146,10 @@ fn command(out: &Path) -> Result<()> {
     fs::create_dir_all(&folder)?;
     run(program(python()?, &folder).args(["-m", "zipfile", "-e"]).arg(wheel).arg("wheel"))?;
     let name = format!("taxel{}", std::env::consts::EXE_SUFFIX);
+    let data = files(&folder.join("wheel"))?;
     let built =
-        files(&folder.join("wheel"))?.into_iter().map(|data| data.join("scripts").join(&name));
-    let built =
-        built.into_iter().find(|file| file.is_file()).context("the wheel has no program")?;
+        data.iter().map(|data| data.join("scripts").join(&name)).find(|file| file.is_file());
+    let built = built.context("the wheel has no program")?;
     within(&built, LARGEST_PROGRAM)?;
     let archive = folder.join("archive");
     fs::create_dir(&archive)?;
@@ -172,8 +165,8 @@ fn command(out: &Path) -> Result<()> {
         "--tcp",
         "127.0.0.1:0",
     ]))?;
-    bill::write("taxel", out)?;
-    for file in bill::files("taxel") {
+    bill::write(bill::COMMAND, out)?;
+    for file in bill::files(bill::COMMAND) {
         fs::copy(out.join(&file), archive.join(&file))?;
     }
     for file in ["README.md", "LICENSE-APACHE", "LICENSE-MIT"] {
@@ -198,13 +191,7 @@ fn wheel(folder: &str, out: &Path) -> Result<PathBuf> {
 
 /// Returns the interpreter of an environment that holds pip alone.
 fn python() -> Result<PathBuf> {
-    let environment = target().join("python-release");
-    let folder = environment.join(if cfg!(windows) { "Scripts" } else { "bin" });
-    let python = folder.join(format!("python{}", std::env::consts::EXE_SUFFIX));
-    if answer(program(&python, &root()).args(["-m", "pip", "--version"])).is_none() {
-        run(program("python3", &root()).args(["-m", "venv"]).arg(&environment))?;
-    }
-    Ok(python)
+    python::environment(&target().join("python-release"), "import pip").map(|(python, _)| python)
 }
 
 /// Writes `SHA256SUMS`, for `sha256sum --check SHA256SUMS`.
@@ -217,9 +204,7 @@ fn checksums(out: &Path) -> Result<()> {
 
 fn within(file: &Path, most: u64) -> Result<()> {
     let bytes = fs::metadata(file).with_context(|| file.display().to_string())?.len();
-    if bytes > most {
-        bail!("{}: {bytes} bytes, at most {most}", file.display());
-    }
+    ensure!(bytes <= most, "{}: {bytes} bytes, at most {most}", file.display());
     Ok(())
 }
 
