@@ -28,6 +28,7 @@ mod methods;
 mod papers;
 pub mod peers;
 mod picture;
+mod reference;
 pub mod results;
 mod runs;
 mod scatter;

@@ -1,4 +1,4 @@
-//! Frames per second of each stage on one core of a host: `throughput.csv`.
+//! Frames per second of each stage on one core of a host, for the reference finger: `throughput.csv`.
 
 use std::fmt::Write as _;
 use std::hint::black_box;
@@ -6,7 +6,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, anyhow, ensure};
-use taxel::calibration::{Calibration, MAX_BYTES};
+use taxel::calibration::MAX_BYTES;
 use taxel::finger::{Estimate, Finger, Wanted};
 use taxel::frame::{Fields, Frame};
 use taxel::instrument::Instrument;
@@ -19,13 +19,12 @@ use taxel_files::frames::{Cell, cells, columns};
 use taxel_files::recording::{Existing, Header, Recorder};
 use taxel_files::save;
 use taxel_files::trace::{Sample, TraceHeader, TraceReader, TraceWriter};
-use taxel_sim::{Scene, Simulator};
+use taxel_sim::Simulator;
 
 use crate::bars::{self, Bar};
-use crate::device::Device;
-use crate::effort::{Effort, Waiting};
-use crate::methods::calibrated;
+use crate::effort::Waiting;
 use crate::picture::save_page;
+use crate::reference::{calibrated, scene};
 
 /// Scene that every stage works on: presses, shear and slides at 1 kHz.
 const SCENE: &str = "tour";
@@ -50,13 +49,10 @@ pub struct Stage {
 /// # Errors
 /// A fit failed or a file in the folder for temporary ones cannot be written.
 pub fn measure(waiting: Waiting<'_>) -> anyhow::Result<Vec<Stage>> {
-    let device = Device::new(SEED)?;
-    // The quality of the fit does not change the time.
-    let effort = Effort { devices: vec![SEED], steps: 1, widths: Vec::new() };
-    let record = calibrated(&device, &effort, waiting.stop)?;
+    let calibration = calibrated(SEED, false, waiting.stop)?;
     let mut buffer = [0; MAX_BYTES];
-    let record = record.to_bytes(&mut buffer)?;
-    let scene = Scene::load(SCENE)?;
+    let record = calibration.to_bytes(&mut buffer)?;
+    let scene = scene(SCENE, SEED, false, &[])?;
     let samples: Vec<Sample> = Simulator::new(&scene, SEED).collect();
     let mut stages = vec![timed("simulate", samples.len(), || {
         Ok(Simulator::new(&scene, SEED).map(black_box).count())
@@ -116,7 +112,6 @@ pub fn measure(waiting: Waiting<'_>) -> anyhow::Result<Vec<Stage>> {
         Ok(read)
     })?);
 
-    let calibration = Calibration::from_bytes(record).map_err(|error| anyhow!("{error:?}"))?;
     let (finger, mut state) = Finger::new(Some(calibration.clone()));
     let mut rows: Vec<Vec<Cell>> = Vec::new();
     for (seq, sample) in (0..).zip(&samples) {

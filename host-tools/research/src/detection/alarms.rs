@@ -6,10 +6,11 @@ use taxel_sim::scene::{Kind, built_in};
 use taxel_sim::{Scene, Simulator};
 
 use super::DEVICES;
-use super::bench::{Bench, Has, SEED, WANTED, scene};
+use super::bench::{Bench, Has, SEED, WANTED};
 use super::judge::Frame;
 use super::table::Row;
 use crate::faults::{RATE_HZ, flat};
+use crate::reference::scene;
 
 /// Scenes that a sound finger may meet: those of the 4×4 finger without a fault of their own.
 pub(super) fn scenes() -> anyhow::Result<Vec<&'static str>> {

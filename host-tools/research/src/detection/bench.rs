@@ -7,20 +7,14 @@ use taxel::finger::{Estimate, Finger, FingerState, Wanted};
 use taxel::frame::Fields;
 use taxel::scan::{Codes, SENSORS, Scan};
 use taxel::units::FullScale;
-use taxel_calibrate::finger::{FitOptions, fit};
-use taxel_calibrate::recording::Recording;
-use taxel_regress::model::Family;
-use taxel_sim::{Scene, Simulator, scene::Changes};
+use taxel_sim::Simulator;
 
 use super::judge::Frame;
 use crate::faults::{CHANNELS, Flat, Place, RATE_HZ, Sound, flat};
+use crate::reference::{calibrated, scene};
 
 /// Highest code of the reference finger: a sum of eight conversions of 12 bits.
 const TOP: u16 = 8 * 4095;
-/// Recordings of the calibration: scene and seed, as in the README.
-const CALIBRATION: [(&str, u64); 2] = [("presses", 1), ("shear", 2)];
-/// Recording of the finger at rest while it warms.
-const WARM_UP: (&str, u64) = ("warm-up", 4);
 /// Seed of the touches and sound scenes.
 pub(super) const SEED: u64 = 41;
 /// Touches: place in mm and force in newtons.
@@ -146,31 +140,11 @@ pub(super) struct Run {
     sigma: [f64; CHANNELS],
 }
 
-/// Loads a built-in scene for the reference finger of this device, with changes.
-pub(super) fn scene(name: &str, device: u64, warm: bool, set: &[String]) -> anyhow::Result<Scene> {
-    let mut all = vec![format!("device.seed={device}")];
-    if warm {
-        all.push("effects.temperature=true".into());
-    }
-    all.extend_from_slice(set);
-    Ok(Scene::load_changed(name, &Changes { reference: true, set: all })?)
-}
-
 impl Bench {
     /// Calibrates a device by default, or also on its warming, and records its touches.
     pub fn new(device: u64, warm: bool, stop: &AtomicBool) -> anyhow::Result<Self> {
-        let names = CALIBRATION.into_iter().chain(warm.then_some(WARM_UP));
-        let recordings = names.map(|(name, seed)| {
-            // Nobody reads a load cell while the finger warms.
-            let exact = (name == WARM_UP.0).then(|| "effects.bench-error=false".to_owned());
-            let scene = scene(name, device, warm, exact.as_slice())?;
-            Ok(Recording { name: name.into(), samples: Simulator::new(&scene, seed).collect() })
-        });
-        let recordings: Vec<Recording> = recordings.collect::<anyhow::Result<_>>()?;
-        // As the command does by default.
-        let options = FitOptions { family: Family::Auto, ..FitOptions::default() };
-        let fitted = fit(&recordings, &options, &mut |_| {}, stop)?;
-        let mut bench = Self { device, warm, calibration: fitted.calibration, runs: Vec::new() };
+        let calibration = calibrated(device, warm, stop)?;
+        let mut bench = Self { device, warm, calibration, runs: Vec::new() };
         for touch in TOUCHES {
             let own: &[Has] = if warm { &[Has::Thermometer] } else { &[Has::Matrix, Has::Sensors] };
             for has in own {
