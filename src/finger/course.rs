@@ -1,8 +1,8 @@
 //! Uncertainty of a force that changes quickly.
 //!
-//! Compensation of the lag leaves an error while the rate of the force changes. How large it is
-//! nobody knows; the bend of the force's course, its second difference with its values after one and
-//! two low-passes, tells about it.
+//! Compensation of the lag leaves an error while the rate of the force changes, and for some lags
+//! after it. How large it is nobody knows; the bend of the force's course, its second difference with
+//! its values after one and two low-passes, tells about it.
 
 use super::filters::steady;
 use crate::estimate::fusion::Gaussian;
@@ -15,20 +15,23 @@ use crate::units::Micros;
 ///
 /// With these at most one in a hundred forces of a reference finger is off by more than three
 /// standard deviations (`host-tools/research/data/ablation.csv`).
-const BEND_ERROR: f32 = 0.5;
-const STRAIGHT: f32 = 0.25;
+const BEND_ERROR: f32 = 0.9;
+const STRAIGHT: f32 = 0.5;
+/// Share of the low-passes' own with which a bend that is over fades: in three lags to a third.
+const FADING: f32 = 1.0 / 3.0;
 /// Largest share of a change that the low-passes of [`Course`] follow in one estimate. A ninth of a
 /// change between rare estimates then counts as a bend.
 const MOST_FOLLOWED: f32 = 2.0 / 3.0;
 
-/// Course of the force during a contact: its values after one and after two low-passes with the time
-/// constant of the lag, in newtons.
+/// Course of the force during a contact, in newtons: its values after one and after two low-passes
+/// with the time constant of the lag, and its bends, which fade.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Course {
     /// Low half of the time of the last estimate: 71 minutes suffice.
     time: u32,
     once: [f32; 3],
     twice: [f32; 3],
+    bends: [f32; 3],
 }
 
 impl Course {
@@ -48,12 +51,14 @@ impl Course {
             return;
         }
         let share = at_most(passed / (passed + lag), MOST_FOLLOWED);
-        for ((force, once), twice) in force.iter_mut().zip(&mut self.once).zip(&mut self.twice) {
+        let left = 1.0 - FADING * share;
+        let course = self.once.iter_mut().zip(&mut self.twice).zip(&mut self.bends);
+        for (force, ((once, twice), bends)) in force.iter_mut().zip(course) {
             if let Ok(Gaussian { value, sigma }) = force {
                 *once += share * (*value - *once);
                 *twice += share * (*once - *twice);
-                let bend = (*value - 2.0 * *once + *twice).abs();
-                *sigma += BEND_ERROR * at_least(bend - STRAIGHT * *sigma, 0.0);
+                *bends = at_least((*value - 2.0 * *once + *twice).abs(), left * *bends);
+                *sigma += BEND_ERROR * at_least(*bends - STRAIGHT * *sigma, 0.0);
             }
         }
     }
@@ -86,10 +91,11 @@ mod tests {
 
     #[test]
     fn sigma_grows_where_the_course_of_the_force_bends() {
-        // At 4 kHz: a jump, and 40 ms later, ten times the lag.
-        let sigmas = widened(LAG, 250, 161);
-        assert!((sigmas[0] - 0.50875).abs() < 1e-6, "{}", sigmas[0]);
-        assert_eq!(sigmas[160], 0.01);
+        // At 4 kHz: a jump, three lags later, and eighteen.
+        let sigmas = widened(LAG, 250, 289);
+        assert!((sigmas[0] - (0.01 + 0.9 * 0.995)).abs() < 1e-6, "{}", sigmas[0]);
+        assert!((0.3..0.4).contains(&sigmas[48]), "{}", sigmas[48]);
+        assert_eq!(sigmas[288], 0.01);
     }
 
     #[test]
@@ -101,7 +107,7 @@ mod tests {
             let mut force = [Ok(Gaussian { value, sigma: 0.01 }); 3];
             course.widen(Micros(1000 * i as u64), LAG, &mut force);
             let [x, ..] = force.map(|force| force.expect("a force").sigma);
-            assert!(i < 40 || x == 0.01, "{i}: {x}");
+            assert!(i < 60 || x == 0.01, "{i}: {x}");
         }
     }
 
@@ -111,7 +117,7 @@ mod tests {
         let mut force = [Ok(Gaussian { value: 1.0, sigma: 0.01 }); 3];
         course.widen(Micros(100_000), LAG, &mut force);
         let Ok(Gaussian { sigma, .. }) = force[0] else { panic!("{force:?}") };
-        assert!((sigma - 0.01 - 0.5 * (1.0 / 9.0 - 0.0025)).abs() < 1e-4, "{sigma}");
+        assert!((sigma - 0.01 - 0.9 * (1.0 / 9.0 - 0.005)).abs() < 1e-4, "{sigma}");
     }
 
     #[test]

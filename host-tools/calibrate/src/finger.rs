@@ -203,8 +203,7 @@ pub fn fit_keeping(
     for sensor in 0..SENSORS {
         fit_sensor(&mut fitted, sensor, &by_sensors, &subjects)?;
     }
-    let rounded_off = lag::rounded_off(&recordings, &by_sensors);
-    let reasons = fit_array(&mut fitted, &by_sensors, rounded_off, &subjects, options.net_only);
+    let reasons = fit_array(&mut fitted, &by_sensors, &subjects, options.net_only);
     drop(by_sensors);
     let by_taxels = lag::followed(&recordings, late.taxels);
     if !fitted.parts.is_empty() && fitted.calibration.validate().is_ok() {
@@ -395,7 +394,6 @@ fn keep_skin(fitted: &mut Fitted, skin: Skin) {
 fn fit_array(
     fitted: &mut Fitted,
     recordings: &[Prepared<'_>],
-    rounded_off: [f64; 3],
     subjects: &[Subject],
     net_only: bool,
 ) -> channels::Reasons {
@@ -426,17 +424,13 @@ fn fit_array(
     if !live.contains(&true) {
         return reasons;
     }
-    let Some(mut array) = array::fit(&fingers, live, &fitted.calibration.sensors) else {
+    let Some(array) = array::fit(&fingers, live, &fitted.calibration.sensors) else {
         let few = "too few loaded rows with sound bridges";
         reasons.iter_mut().for_each(|reason| {
             reason.get_or_insert_with(|| few.to_owned());
         });
         return reasons;
     };
-    // The chip's force is that of the signals: what their lag rounds off is an error of it.
-    for (residual, off) in array.array.residual.iter_mut().zip(rounded_off) {
-        *residual = residual.hypot(off as f32);
-    }
     fitted.parts.push(Part {
         name: array.name,
         rows: array.rows,

@@ -66,24 +66,6 @@ pub(crate) fn followed<'r>(recordings: &'r [Prepared<'r>], lag: f32) -> Cow<'r, 
     Cow::Owned(late)
 }
 
-/// RMS of each component of the force that a compensated lag rounds off, in loaded rows.
-pub(crate) fn rounded_off(recordings: &[Prepared<'_>], followed: &[Prepared<'_>]) -> [f64; 3] {
-    let forces = |prepared: &[Prepared<'_>]| -> Vec<[f64; 3]> {
-        let samples = prepared.iter().flat_map(|prepared| &prepared.recording.samples);
-        samples.map(|sample| sample.truth.force.map(Option::unwrap_or_default)).collect()
-    };
-    let (exact, late) = (forces(recordings), forces(followed));
-    let most = exact.iter().copied().map(size).fold(0.0, f64::max);
-    let (mut squares, mut rows) = ([0.0; 3], 0.0);
-    for (exact, late) in exact.iter().zip(&late).filter(|(f, _)| size(**f) > LOADED * most) {
-        rows += 1.0;
-        for ((sum, exact), late) in squares.iter_mut().zip(exact).zip(late) {
-            *sum += (exact - late).powi(2);
-        }
-    }
-    squares.map(|sum| (sum / f64::max(rows, 1.0)).sqrt())
-}
-
 /// Replaces the forces of a recording by those that a lag and its compensation leave of them.
 fn follow(recording: &mut Recording, lag: f32) {
     let compensation = LagCompensation { taxels: lag, sensors: lag };
@@ -356,6 +338,5 @@ mod tests {
         let same = std::slice::from_ref(&prepared);
         let followed = followed(same, 0.0);
         assert_eq!(*followed[0].recording, recording);
-        assert_eq!(rounded_off(same, &followed), [0.0; 3]);
     }
 }
