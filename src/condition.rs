@@ -17,7 +17,7 @@ mod levels;
 mod low_pass;
 mod noise;
 #[cfg(test)]
-mod random;
+pub(crate) mod random;
 mod stuck;
 mod warmth;
 

@@ -174,6 +174,14 @@ fn record_that_cannot_measure_fails_rehearsal() {
         float(r).skip = Some([[-1.0; TAXELS]; 3]);
     };
     assert_eq!(only(deaf), 1);
+    // A net that says 6 N at the threshold's dents, and nothing for as much more light.
+    let deaf = |r: &mut Calibration| {
+        noisy(r);
+        let dented = Unit { weights: [-4.0; TAXELS], bias: -3.0, output: [3.0; 3] };
+        let (units, output_bias) = ([dented].into_iter().collect(), [3.0; 3].into());
+        *float(r) = ForceNet { units, skip: None, output_bias };
+    };
+    assert_eq!(only(deaf), 1);
     // One sensor that notices a contact suffices.
     let mut one = largest();
     noisy(&mut one);

@@ -578,4 +578,13 @@ mod tests {
             assert_eq!(finger.give(flooded), Health::SOUND);
         }
     }
+
+    #[test]
+    fn matrix_or_sensors_at_rest_together_are_sound() {
+        for at_rest in [0..TAXELS, TAXELS..CHANNELS] {
+            let mut finger = Fingertip::new(1.4, 1);
+            finger.held[at_rest.clone()].fill(Some(Code(9_600)));
+            assert_eq!(finger.flagged(20_000, |_| 0.0), 0, "channels {at_rest:?}");
+        }
+    }
 }

@@ -153,7 +153,9 @@ mod tests {
 
     #[test]
     fn slight_touch_must_last() {
-        assert!(!at_once(dent(2.5e-3, 1.5, 1.5)));
+        for depth in [2.5e-3, 6e-3] {
+            assert!(!at_once(dent(depth, 1.5, 1.5)), "{depth}");
+        }
     }
 
     #[test]
@@ -199,5 +201,17 @@ mod tests {
         let ended: std::vec::Vec<bool> =
             (0..gate.end_frames).map(|_| !gate.update(&mut state, 1.0)).collect();
         assert_eq!(ended, [false, false, false, true]);
+    }
+
+    #[test]
+    fn activity_is_asked_only_if_contact_may_begin() {
+        let gate = Gate::default();
+        let mut state = GateState::default();
+        let needless = || -> f32 { panic!("a scan without a touch pays for it") };
+        assert!(!gate.update_at_once(&mut state, false, needless));
+        assert!(gate.update_at_once(&mut state, true, || 1e4));
+        let mut open = |above| gate.update_at_once(&mut state, above, needless);
+        assert!(open(true));
+        assert_eq!([false; 5].map(&mut open), [true, true, true, false, false]);
     }
 }

@@ -580,9 +580,10 @@ pub(super) fn square(x: f32) -> f32 {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+pub(crate) mod tests {
     use super::super::field::tests::HALF_SPACE;
     use super::*;
+    use crate::condition::random::noise;
     use proptest::prelude::*;
 
     pub(crate) fn finger() -> Inverse {
@@ -730,6 +731,20 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn first_of_fast_scans_finds_contact_roughly() {
+        for (size, point) in [(0.6, [2.5, -2.5]), (1.2, [-2.5, 0.5])] {
+            let load = Load { size, point, ..Load::default() };
+            let (finger, mut state) = (finger(), InverseState::default());
+            state.wait(250);
+            let found = finger.pressed(&mut state, &displaced(&load)).unwrap().load;
+            assert!((found.normal() / load.normal() - 1.0).abs() < 0.3, "{found:?} {load:?}");
+            for (found, at) in found.point.iter().zip(point) {
+                assert!((found - at).abs() < 0.8, "{found} {load:?}");
+            }
+        }
+    }
+
+    #[test]
     fn contact_moved_during_lost_scans_is_found() {
         let at = |x: f32| displaced(&Load { size: 1.0, point: [x, 0.0], ..Load::default() });
         let far_off = |lost: bool| {
@@ -803,5 +818,68 @@ pub(super) mod tests {
         let u = curves.displacements(&c);
         assert!((u[5] - (1.0 - 0.05 - 0.05)).abs() < 1e-6, "{}", u[5]);
         assert_eq!(u[6], 0.0);
+    }
+
+    #[test]
+    fn expected_share_compares_with_the_dent_of_1_n() {
+        let at = Centres::default().0[5];
+        let dent = displaced(&Load { size: 1.0, point: at, ..Load::default() })[5];
+        let share = |field: Field, [floor, more]: [f32; 2]| {
+            Inverse { field, error: [floor * dent, more * dent], ..finger() }.expected_share()
+        };
+        assert!((share(HALF_SPACE, [0.01, 0.04]) - 0.05).abs() < 1e-4);
+        assert_eq!(share(HALF_SPACE, [2.0, 1.0]), 1.0, "nothing is left of the force");
+        assert_eq!(share(Field::default(), [0.01, 0.04]), 1.0, "a skin that does not yield");
+    }
+
+    #[test]
+    fn stated_sigma_is_the_scatter_of_noisy_scans() {
+        const NOISE: f32 = 2e-4;
+        const SCANS: usize = 400;
+        let (finger, mut random) = (Inverse { error: [NOISE, 0.0], ..finger() }, 1);
+        for size in [0.6, 1.0, 1.3] {
+            let load = Load { size, point: [0.7, -0.4], ..Load::default() };
+            let u = displaced(&load);
+            let (mut scatter, mut stated) = ([0.0; 3], [0.0; 3]);
+            for _ in 0..SCANS {
+                let noisy = u.map(|u| u + NOISE * noise(&mut random));
+                let mut state = InverseState::default();
+                let fits = (0..6).map(|_| finger.pressed(&mut state, &noisy).unwrap());
+                let ContactFit { load: found, sigma, .. } = fits.last().unwrap();
+                let off = [
+                    found.normal() - load.normal(),
+                    found.point[0] - load.point[0],
+                    found.point[1] - load.point[1],
+                ];
+                for i in 0..3 {
+                    scatter[i] += off[i] * off[i] / SCANS as f32;
+                    stated[i] += sigma[2 + i] * sigma[2 + i] / SCANS as f32;
+                }
+            }
+            for (scatter, stated) in scatter.iter().zip(stated) {
+                let ratio = (stated / scatter).sqrt();
+                assert!((0.85..1.25).contains(&ratio), "size {size}: {ratio}");
+            }
+        }
+    }
+
+    #[test]
+    fn loads_are_apart_by_what_changed_most() {
+        let kept = Load { size: 0.8, shear: [0.02, -0.03], point: [0.5, -0.5], used: 0.5 };
+        let [size, place, shear] = REACH;
+        let shear = 3.0 * shear * kept.normal();
+        for way in [1.0, -1.0] {
+            for axis in 0..2 {
+                let (mut moved, mut pulled) = (kept, kept);
+                moved.point[axis] += way * 3.0 * place;
+                pulled.shear[axis] += way * shear;
+                let grown = Load { size: (1.0 + way * 3.0 * size) * kept.size, ..kept };
+                for (load, change) in [(moved, "place"), (pulled, "shear"), (grown, "force")] {
+                    let reaches = load.apart(&kept);
+                    assert!((reaches - 3.0).abs() < 1e-3, "{change}, {way}: {reaches}");
+                }
+            }
+        }
+        assert_eq!(kept.apart(&kept), 0.0);
     }
 }

@@ -347,17 +347,29 @@ mod tests {
 
     #[test]
     fn error_shared_by_all_scans_counts_once() {
-        // A fifth of the friction 0.8 is used; every scan says two fifths.
-        let mut state = SlipState::default();
-        let ring = Some(FrictionUtilisation { weight: 10.0, moment: 4.0 });
-        let held = Traction { shear: [0.16, 0.0], normal: 1.0, ring, ..Traction::default() };
-        let frictions =
-            (0..20_000).map(|_| slip().judge(&mut state, &held, SCAN).unwrap().friction);
-        let last = frictions.last().unwrap();
-        // The prior of 1/μ weighs 1/1.5², all scans together 0.16²/0.1².
-        let [prior, scans] = [1.0 / 2.25, 2.56];
-        let expected = (prior + scans) / (prior / 0.8 + scans / 0.4);
-        assert!((last / expected - 1.0).abs() < 0.05, "{last}, expected {expected}");
+        // A tenth of the friction 0.8 is used; every scan says two fifths.
+        for (spread, weight, scans) in [
+            (1.5, 10.0, 1),
+            (1.5, 10.0, 20),
+            (1.5, 10.0, 20_000),
+            (0.3, 10.0, 1_000),
+            (1.5, 1e6, 1),
+        ] {
+            let slip = Slip { usual: [0.8, spread], ..slip() };
+            let mut state = SlipState::default();
+            let ring = Some(FrictionUtilisation { weight, moment: 0.4 * weight });
+            let held = Traction { shear: [0.08, 0.0], normal: 1.0, ring, ..Traction::default() };
+            let frictions =
+                (0..scans).map(|_| slip.judge(&mut state, &held, SCAN).unwrap().friction);
+            let last = frictions.last().unwrap();
+            // Half of each scan is new; all scans together count for less than 1/0.1².
+            let new = 0.5 * weight * scans as f32;
+            let seen = 0.08 * 0.08 * new / (1.0 + new * 0.1 * 0.1);
+            let prior = 1.0 / (spread * spread);
+            let expected = (prior + seen) / (prior / 0.8 + seen / 0.2);
+            let off = last / expected - 1.0;
+            assert!(off.abs() < 0.03, "{spread}, {weight}, {scans}: {last}, expected {expected}");
+        }
     }
 
     #[test]

@@ -299,4 +299,30 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn pair_is_searched_again_once_forgotten() {
+        let at = |x: f32| Load { size: 0.9, point: [x, 0.0], ..Load::default() };
+        let (finger, mut state) = (finger(), PairState::default());
+        let pair = |state: &mut PairState, u| finger.pair(state, &u, 1e6, false);
+        let two = touched(&[at(-3.0), at(3.0)]);
+        let searched = (0..SEARCH).position(|_| pair(&mut state, two).is_some()).unwrap();
+        assert!(searched > 0 && state.believed());
+        assert!(pair(&mut state, two).is_some(), "followed without a search");
+        state.clear();
+        assert!(!state.believed());
+        let again = (0..SEARCH).position(|_| pair(&mut state, two).is_some());
+        assert_eq!(again, Some(searched));
+    }
+
+    #[test]
+    fn first_guess_has_the_forces_of_two_alike() {
+        for size in [0.6, 0.8, 1.0] {
+            let at = |x: f32| Load { size, point: [x, 0.0], ..Load::default() };
+            let guess = finger().first_guess(&touched(&[at(-HALF_WAY), at(HALF_WAY)])).unwrap();
+            for load in guess {
+                assert!((load.size / size - 1.0).abs() < 0.15, "{size}: {load:?}");
+            }
+        }
+    }
 }

@@ -408,6 +408,35 @@ mod tests {
     }
 
     #[test]
+    fn rubbing_stays_detected_however_long_it_lasts() {
+        let (detector, mut state) = (Vibration::every(1000), VibrationState::default());
+        let scans = (0..30_000u32).filter(|i| {
+            let rub = if *i < 1000 { 0.0 } else { 1e-3 * (0.942 * *i as f32).sin() };
+            detector.update(&mut state, &signals(rub + 5e-5 * noise(*i)))
+        });
+        let scans: std::vec::Vec<u32> = scans.collect();
+        assert!((1000..1020).contains(&scans[0]) && scans.len() > 28_980, "{}", scans.len());
+    }
+
+    #[test]
+    fn light_rubbing_is_heard_after_a_loose_contact() {
+        let (detector, mut state) = (Vibration::every(1000), VibrationState::default());
+        let mut first = None;
+        for i in 0..7000u32 {
+            let rub = if i < 6500 { 0.0 } else { 3e-4 * (0.942 * i as f32).sin() };
+            let mut signals = signals(-0.1 + rub + 5e-5 * noise(i));
+            // A channel fails and returns every 20 ms.
+            if (1000..6000).contains(&i) && i / 20 % 2 == 0 {
+                signals.health.dead = 1 << 5;
+            }
+            if detector.update(&mut state, &signals) {
+                first = first.or(Some(i));
+            }
+        }
+        assert!((6500..6530).contains(&first.unwrap()), "{first:?}");
+    }
+
+    #[test]
     fn fast_scans_filter_few_channels_each_and_all_in_time() {
         for (interval_us, at_once) in [(125, 1), (250, 1), (333, 2), (500, 2), (1000, 6)] {
             let detector = Vibration::every(interval_us);
@@ -439,5 +468,37 @@ mod tests {
         let detector = Vibration::every(1000);
         let mut state = VibrationState::default();
         assert!((0..600_000).all(|i| !detector.update(&mut state, &signals(5e-5 * noise(i)))));
+    }
+
+    #[test]
+    fn rubbing_of_any_two_quadrants_is_detected() {
+        let heard = |quadrants: [f32; 4]| {
+            let (detector, mut state) = (Vibration::every(1000), VibrationState::default());
+            let scans = (0..1000u32).filter(|i| {
+                let rub = if *i > 800 { 1e-3 * (0.942 * *i as f32).sin() } else { 0.0 };
+                let mut signals = signals(5e-5 * noise(*i));
+                for (k, c) in signals.taxels.as_mut().unwrap().iter_mut().enumerate() {
+                    *c += rub * quadrants[k / (2 * COLS) * 2 + k % COLS / 2];
+                }
+                detector.update(&mut state, &signals)
+            });
+            scans.count()
+        };
+        assert_eq!(heard([0.0; 4]), 0);
+        let against = [[1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]];
+        let beside = [[1.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, -1.0]];
+        let across = [[1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 1.0, 0.0]];
+        for quadrants in [against, beside, across].as_flattened() {
+            assert!(heard(*quadrants) > 150, "{quadrants:?}: {}", heard(*quadrants));
+        }
+    }
+
+    #[test]
+    fn noise_that_grows_slowly_is_no_vibration() {
+        let (detector, mut state) = (Vibration::every(1000), VibrationState::default());
+        for i in 0..60_000 {
+            let noisy = 5e-5 * (1.0 + i as f32 / 10_000.0) * noise(i);
+            assert!(!detector.update(&mut state, &signals(noisy)), "{i}");
+        }
     }
 }

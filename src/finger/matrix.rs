@@ -357,7 +357,9 @@ fn two(pair: &Pair, share: f32) -> OpticalEstimate {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::condition::TaxelBias;
     use crate::estimate::field::Load;
+    use crate::estimate::inverse::tests::{displaced, finger};
 
     #[test]
     fn normal_force_sigma_includes_skin_stiffness() {
@@ -371,5 +373,50 @@ mod tests {
         let Ok(fz) = one(&touch, false, true).force[2] else { panic!("a force is known") };
         // A change by 10 K changes a rubber's stiffness by 3 %.
         assert!((0.03..0.1).contains(&(fz.sigma - 1e-3)), "{fz:?}");
+    }
+
+    #[test]
+    fn unsure_position_is_withheld_its_force_is_not() {
+        for (sigma, known) in [([0.3, 0.3], true), ([0.3, 0.7], false), ([0.7, 0.3], false)] {
+            let [x, y] = sigma;
+            let touch = ContactFit {
+                load: Load { size: 1.0, point: [1.0, -2.0], ..Load::default() },
+                sigma: [1e-3, 1e-3, 1e-3, x, y, 0.4],
+                ring: FrictionUtilisation::default(),
+                misfit: 0.5,
+            };
+            let OpticalEstimate { point, force: [.., fz], .. } = one(&touch, false, true);
+            let expected = if known { Ok([1.0, -2.0]) } else { Err(NoValue::IllConditioned) };
+            assert_eq!(point.map(|at| at.map(|c| c.value)), expected, "{sigma:?}");
+            assert!(fz.is_ok_and(|fz| fz.value == 1.0), "{fz:?}");
+        }
+    }
+
+    #[test]
+    fn friction_use_is_given_only_to_learn_from() {
+        let load = Load { shear: [0.9, 0.0], size: 1.2, point: [0.3, -0.2], used: 0.9 };
+        let c = displaced(&load).map(|u| -u);
+        let bias = TaxelBias { level: [0.3; TAXELS], noise: 1e-4 };
+        let taxels = TaxelCalibration { bias, range: [[-1.0, 1.0]; TAXELS], residual: [0.01; 3] };
+        let record =
+            Calibration { taxels: Some(taxels), model: Some(finger()), ..Calibration::EMPTY };
+        let none = NoValue::Absent;
+        let array = ArrayEstimate { force: Err(none), point: Err(none), torsion: Err(none) };
+        for learns in [false, true] {
+            let input = OpticalInput {
+                record: Some(&record),
+                method: PointMethod::Model,
+                c: &c,
+                health: &Health::SOUND,
+                bias: &Bias::default(),
+                array: &array,
+                learns,
+            };
+            let (mut state, mut status) = (MatrixState::default(), Status::default());
+            let found = (0..12).map(|_| input.estimate(&mut state, &mut status)).last().unwrap();
+            let used = found.ring.map(|ring| ring.moment / ring.weight);
+            assert_eq!(used.is_some(), learns, "{found:?}");
+            assert!(used.is_none_or(|used| (used - load.used).abs() < 0.05), "{used:?}");
+        }
     }
 }

@@ -173,4 +173,14 @@ mod tests {
         assert_eq!(margin(0.25), 1.0, "two and a half standard deviations");
         assert!(margin(1.0) < 0.9, "{}", margin(1.0));
     }
+
+    #[test]
+    fn slip_is_due_one_to_two_ms_after_the_last() {
+        let mut state = GripState::default();
+        for begun in [0, 5_000_000] {
+            state.begin(Micros(begun));
+            assert!(!state.is_due(Micros(begun + 1_000)));
+            assert!(state.is_due(Micros(begun + 2_000)));
+        }
+    }
 }

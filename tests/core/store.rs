@@ -265,6 +265,35 @@ fn saved_settings_and_bias_survive_power_off() {
     assert!(!info(&mut instrument, &mut store).biased);
 }
 
+/// Range of the normal forces, in newtons, of a press whose light flickers by ±1 %.
+fn ripple(instrument: &mut Instrument, start: u64) -> f32 {
+    let forces = (0..1000).filter_map(|i| {
+        let codes = if i % 2 == 0 { 3_244 } else { 3_310 };
+        let scan = common::pressed(start + 250 * i, 6, codes);
+        let frame = instrument.scan(&scan).frame.then(|| instrument.frame(&scan));
+        frame.filter(|_| i >= 500).map(|frame| frame.force.unwrap().z.unwrap().0)
+    });
+    let (low, high) =
+        forces.fold((f32::MAX, f32::MIN), |(low, high), fz| (low.min(fz), high.max(fz)));
+    high - low
+}
+
+#[test]
+fn saved_filter_smooths_forces_until_set_to_none() {
+    let (mut instrument, mut store) = wake(Mortal::new());
+    instrument.install(&record(1), &mut store).unwrap();
+    ask(&mut instrument, &mut store, Command::SetRate { hz: 4000 }).unwrap();
+    ask(&mut instrument, &mut store, Command::SetFilter { hz: 100 }).unwrap();
+    ask(&mut instrument, &mut store, Command::SaveSettings).unwrap();
+
+    let (mut instrument, mut store) = wake(asleep(store));
+    ask(&mut instrument, &mut store, Command::Stream(true)).unwrap();
+    let smooth = ripple(&mut instrument, 0);
+    ask(&mut instrument, &mut store, Command::SetFilter { hz: 0 }).unwrap();
+    let plain = ripple(&mut instrument, 250_000);
+    assert!(plain > 1.5e-3 && smooth < 0.01 * plain, "{plain} N, smoothed {smooth} N");
+}
+
 #[test]
 fn saving_unchanged_settings_erases_nothing() {
     let (mut instrument, mut store) = wake(Mortal::new());
