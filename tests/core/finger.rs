@@ -8,7 +8,7 @@ use taxel::estimate::Force;
 use taxel::estimate::contact_point::PointMethod;
 use taxel::estimate::inverse::Inverse;
 use taxel::estimate::quantised::{Net, QuantisedNet};
-use taxel::finger::{Estimate, Finger, FingerState};
+use taxel::finger::{Estimate, Finger, FingerState, Wanted};
 use taxel::frame::Status;
 use taxel::measured::NoValue;
 use taxel::scan::{Scan, TaxelCodes};
@@ -262,6 +262,27 @@ fn contact_runs_all_sections_and_sets_their_status() {
     assert!(!pressed.status.contains(Status::RAN_CENTROID));
     // A dent of one taxel alone is no contact of this model, which cannot place it.
     assert_eq!(pressed.point, Err(NoValue::IllConditioned));
+}
+
+/// Nothing, a contact and one whose light clips, twice; into the last estimate and into an empty one.
+#[test]
+fn no_field_keeps_the_last_contacts_value() {
+    for record in [calibration(), everything()] {
+        let (finger, mut state) = Finger::new(Some(record));
+        let mut kept = Estimate::NOTHING;
+        for i in 0..120u64 {
+            let time = 1000 * i;
+            let scan = match i % 60 {
+                0..30 => unloaded(time),
+                30..50 => pressed(time, 6, 3_277),
+                _ => pressed(time, 6, u16::MAX - LIT),
+            };
+            let (mut alike, mut fresh) = (state.clone(), Estimate::NOTHING);
+            finger.update(&mut kept, &mut state, &scan, Wanted::ALL);
+            finger.update(&mut fresh, &mut alike, &scan, Wanted::ALL);
+            assert_eq!(kept, fresh, "scan {i}");
+        }
+    }
 }
 
 #[test]
