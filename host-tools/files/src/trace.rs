@@ -13,8 +13,8 @@ pub use write::{TraceHeader, TraceWriter};
 
 use taxel::scan::{COLS, SENSORS, Scan};
 
-/// Key of the comment line that says how a trace was simulated.
-const SIMULATED_KEY: &str = "simulated";
+/// Key of the comment line that says how a trace was simulated, and of that fact of its frames.
+pub(crate) const SIMULATED_KEY: &str = "simulated";
 
 /// Truth of a sample where it is known; an unknown value is `None`, never NaN.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

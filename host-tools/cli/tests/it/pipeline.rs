@@ -110,6 +110,7 @@ fn bench_sensor_is_fitted_to_one_millinewton() {
     let frames = std::fs::read_to_string(folder.0.join("frames.csv")).unwrap();
     // Header with the calibration used, then the columns.
     assert!(frames.contains("# calibration_crc=") && frames.contains("# replayed=bench.csv\n"));
+    assert!(frames.contains("# simulated="), "frames of a simulated trace say so");
     let frames: Vec<_> = frames.lines().filter(|line| !line.starts_with('#')).collect();
     assert!(frames[0].starts_with(
         "t_us,seq,status,fx_n,fy_n,fz_n,x_mm,y_mm,contact,slip,slip_margin,friction,grip_n,s0_fx_n"

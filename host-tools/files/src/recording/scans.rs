@@ -6,7 +6,7 @@ use std::path::Path;
 use crate::FileError;
 use crate::calibration;
 use crate::frames::Cell;
-use crate::trace::{Sample, TraceReader, is_code};
+use crate::trace::{self, Sample, TraceReader, is_code};
 use taxel::calibration::Calibration;
 
 use crate::recording::{Format, Header, Recording};
@@ -41,9 +41,14 @@ impl Scans {
     /// As [`Self::open`].
     pub fn open_from(path: &Path, seconds: f64) -> Result<Self, FileError> {
         if !is_recording(path) {
+            let mut header = Header::default();
+            // The reader of the trace reports a file that cannot be read.
+            if let Ok(Some(origin)) = trace::simulated(path) {
+                header = header.with(trace::SIMULATED_KEY, origin);
+            }
             return Ok(Self {
                 samples: Box::new(TraceReader::open(path)?),
-                header: Header::default(),
+                header,
                 calibration: None,
                 remarks: Vec::new(),
             });

@@ -288,7 +288,19 @@ mod tests {
         let beyond =
             format!("{:.1} % of its values (matrix alone) and {:.1} %", matrix[5], both[5]);
         let within = format!("within one are {:.0} and {:.0} % of all", matrix[6], both[6]);
-        for said in [beyond, within] {
+        let shear = |of: &[f64]| of[0].max(of[1]);
+        let alone = format!(
+            "normal force to {:.0} mN, shear to {:.0} mN and contact point to {:.2} mm with the matrix",
+            matrix[2],
+            shear(&matrix),
+            matrix[4]
+        );
+        let all = format!(
+            "force to {:.0} mN and contact point to {:.2} mm with force sensors",
+            shear(&both).max(both[2]),
+            both[3].max(both[4])
+        );
+        for said in [beyond, within, alone, all] {
             assert!(page.contains(&said), "docs/accuracy.md should say: {said}");
         }
     }
