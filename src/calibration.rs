@@ -68,8 +68,8 @@ macro_rules! sections {
             /// Date in seconds since 1970-01-01 UTC.
             pub date: u64,
             $($(#[doc = $doc])+ $(#[cfg($built)])? pub $name: Option<$coefficients>,)+
-            /// Net from taxel signals to forces: section 2 in f32, or section 5 in 16 bits. A record
-            /// with both has it in f32.
+            /// Net from taxel signals to forces: section 2 in f32, or section 5 in 16 bits. A
+            /// record with both has it in f32.
             pub net: Option<Net>,
             /// The force sensors: sections 16 to 19.
             pub sensors: [Option<SensorCalibration>; SENSORS],
@@ -333,8 +333,8 @@ impl Calibration {
     /// Replaces the content by the record in `bytes`, in place, checks every field and rehearses.
     ///
     /// # Errors
-    /// The first error in the order length, CRC, version, shape, fields, rehearsal. The old content is lost
-    /// then; to restore it, read its record again.
+    /// The first error in the order length, CRC, version, shape, fields, rehearsal. The old content
+    /// is lost then; to restore it, read its record again.
     pub fn read(&mut self, bytes: &[u8]) -> Result<(), CalibrationError> {
         let (version, body) = opened(bytes)?;
         self.fill(version, body).ok_or(CalibrationError::Malformed)?;

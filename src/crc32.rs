@@ -1,7 +1,8 @@
 //! CRC-32/ISO-HDLC, a byte at a time, or half a byte with the feature `compact`.
 //!
-//! Own code because it needs one table, no initialised digest, and no check of an index. A chip's CRC
-//! unit may take the frames' words ([`crate::session::Board::crc32`]); it then needs no large table.
+//! Own code because it needs one table, no initialised digest, and no check of an index. A chip's
+//! CRC unit may take the frames' words ([`crate::session::Board::crc32`]); it then needs no large
+//! table.
 
 /// Bits that the table takes at once.
 const BITS: u32 = if cfg!(feature = "compact") { 4 } else { 8 };

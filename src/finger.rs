@@ -10,9 +10,9 @@
 //! other gives the result alone. The status names the estimators that ran.
 //!
 //! Not every scan needs every step ([`Wanted`]). Conditioning but for the lag, gate and vibration
-//! detector run in each. Forces and slip run if a frame is due, and slip about once in a millisecond
-//! in any case. The matrix then runs if the frames carry a field that needs it, or if the array knows
-//! no force.
+//! detector run in each. Forces and slip run if a frame is due, and slip about once in a
+//! millisecond in any case. The matrix then runs if the frames carry a field that needs it, or if
+//! the array knows no force.
 
 mod course;
 mod filters;
@@ -97,8 +97,8 @@ impl Doubt {
 const DOUBTED_US: u32 = 50_000;
 
 /// Faults of a scan that disturb slip: dead taxels in the lower half, then four bits of faulty
-/// bridges, four of noisy sensors, and [`FLOODED`]. A single clipped taxel does not: its signal does
-/// not jump.
+/// bridges, four of noisy sensors, and [`FLOODED`]. A single clipped taxel does not: its signal
+/// does not jump.
 type Faults = u32;
 
 /// Bit of strong light, which clips half of the taxels or more.
@@ -368,9 +368,9 @@ impl Finger {
 
     /// Processes one scan into `estimate`.
     ///
-    /// Time, contact flag, signals and bias are always those of the scan; the lag is off the signals in
-    /// contact if they are needed. If a frame is due, so are the whole status and the wanted fields.
-    /// All else is undefined.
+    /// Time, contact flag, signals and bias are always those of the scan; the lag is off the
+    /// signals in contact if they are needed. If a frame is due, so are the whole status and the
+    /// wanted fields. All else is undefined.
     pub fn update(
         &self,
         estimate: &mut Estimate,

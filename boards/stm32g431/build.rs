@@ -1,4 +1,5 @@
-//! Passes the linker its scripts: a sibling's own `memory.x`, or the product's in the repository's root.
+//! Passes the linker its scripts: a sibling's own `memory.x`, or the product's in the repository's
+//! root.
 
 use std::path::Path;
 

@@ -80,8 +80,8 @@ impl DriftCompensation {
         (0.0..=0.2).contains(&self.most)
     }
 
-    /// Takes a drift that alone may exceed the noise of `bias` by a `factor`, given squared, off the
-    /// signals. Returns false if the common share is too large for a drift.
+    /// Takes a drift that alone may exceed the noise of `bias` by a `factor`, given squared, off
+    /// the signals. Returns false if the common share is too large for a drift.
     ///
     /// While nothing touches that is at most the share of the last window, which the gain has not
     /// followed yet: more that comes at once is a touch. In contact the light can only have drifted

@@ -1,14 +1,15 @@
-//! Detection of channels that jump alone: noisy, floating or swapped ones, or those with a wrong bit.
+//! Detection of channels that jump alone: noisy, floating or swapped ones, or those with a wrong
+//! bit.
 //!
 //! A touch moves neighbouring taxels together, light moves all readings, and a force moves the
-//! midpoints of a bridge against each other, so that their sum rests. A reading that changes far more
-//! than the others of its family is therefore no touch, nor are two that change places, nor is a row
-//! or a column that changes far more than the other three.
+//! midpoints of a bridge against each other, so that their sum rests. A reading that changes far
+//! more than the others of its family is therefore no touch, nor are two that change places, nor is
+//! a row or a column that changes far more than the other three.
 //!
-//! Limits: a jump of less than some thirty times the noise is not found; nor is one of midpoints that
-//! change places within their sensor. The matrix is not judged while light clips a taxel, nor are
-//! sensors unless all four are sound. A single wrong code withholds for some seventy scans what depends
-//! on it.
+//! Limits: a jump of less than some thirty times the noise is not found; nor is one of midpoints
+//! that change places within their sensor. The matrix is not judged while light clips a taxel, nor
+//! are sensors unless all four are sound. A single wrong code withholds for some seventy scans what
+//! depends on it.
 
 use super::levels::COLUMN;
 use super::{Bias, Signals};
@@ -41,8 +42,8 @@ const LOUDEST: i32 = 8;
 const TURN: u8 = 4;
 /// Scans without a jump after which a reading may be sound again.
 const QUIET: u8 = 64;
-/// Factor on the noise, squared, that all signals together keep within if nothing touches the finger
-/// and no reading is off.
+/// Factor on the noise, squared, that all signals together keep within if nothing touches the
+/// finger and no reading is off.
 const REST: f32 = 9.0;
 
 /// A number for each reading: four rows of lit ones, the dark ones, and the sums of midpoints.
@@ -61,22 +62,22 @@ pub struct JumpWatch {
     complete: bool,
     least: Least,
     least_sums: [Least; SENSORS],
-    /// Readings in their last comparison, and their changes then. Those of lit ones are without that
-    /// of the light from elsewhere.
+    /// Readings in their last comparison, and their changes then. Those of lit ones are without
+    /// that of the light from elsewhere.
     matrix: TaxelCodes,
     sums: [i32; SENSORS],
     changes: Readings,
     /// Bit i: reading i is in doubt.
     doubted: u32,
-    /// How far its jumps have taken each reading in doubt, in codes. 0: they have cancelled each other,
-    /// but for as much as the reading may move in a touch meanwhile.
+    /// How far its jumps have taken each reading in doubt, in codes. 0: they have cancelled each
+    /// other, but for as much as the reading may move in a touch meanwhile.
     away: Readings,
 }
 
 impl JumpWatch {
-    /// Processes one scan and adds the channels in doubt to its health. They are sound again if none
-    /// has jumped for a while and their own jumps have cancelled each other, or if the finger reads its
-    /// bias while nothing has `touched` it.
+    /// Processes one scan and adds the channels in doubt to its health. They are sound again if
+    /// none has jumped for a while and their own jumps have cancelled each other, or if the finger
+    /// reads its bias while nothing has `touched` it.
     pub fn update(&mut self, codes: &Codes, signals: &mut Signals, bias: &Bias, touched: bool) {
         let scan = self.scans;
         self.scans = scan.wrapping_add(1);
@@ -111,8 +112,8 @@ impl JumpWatch {
         }
     }
 
-    /// With fewer sensors a ripple of the supply is no different from a jump, and the return of one is
-    /// none.
+    /// With fewer sensors a ripple of the supply is no different from a jump, and the return of one
+    /// is none.
     fn watch_sums(&mut self, codes: &Codes, sound: bool, scan: u8) {
         let (mut complete, mut signs) = (sound, 0);
         let [.., changes] = &mut self.changes;
@@ -254,8 +255,8 @@ struct Scale {
     rounding: i32,
 }
 
-/// Least change that is a jump, in codes. It is learned, because a scan of fewer samples a reading has
-/// more noise than the record knows.
+/// Least change that is a jump, in codes. It is learned, because a scan of fewer samples a reading
+/// has more noise than the record knows.
 #[derive(Clone, Copy, Debug, Default)]
 struct Least {
     /// Usual change, times [`LESSONS`].
@@ -276,8 +277,8 @@ impl Least {
     }
 }
 
-/// Sets the changes of the readings of the matrix from the `last` ones, which become those of `now`;
-/// returns whether a change is more than the `least`.
+/// Sets the changes of the readings of the matrix from the `last` ones, which become those of
+/// `now`; returns whether a change is more than the `least`.
 #[inline(never)]
 fn compare(now: &TaxelCodes, last: &mut TaxelCodes, changes: &mut Readings, least: i32) -> bool {
     let [lit @ .., dark, _] = changes;
@@ -306,8 +307,8 @@ fn set(
     }
 }
 
-/// Returns a negative number if the change is more than the `least`, up or down. OR-ed signs take half
-/// the time of comparisons.
+/// Returns a negative number if the change is more than the `least`, up or down. OR-ed signs take
+/// half the time of comparisons.
 #[inline(always)]
 fn outside(change: i32, least: i32) -> i32 {
     (least - change) | (least + change)

@@ -61,8 +61,8 @@ pub struct LagState {
 struct Part {
     /// When it was followed last.
     at: u32,
-    /// Microseconds since it had been followed before and since the scan before, and the coefficients
-    /// for them.
+    /// Microseconds since it had been followed before and since the scan before, and the
+    /// coefficients for them.
     passed: u32,
     scan: u32,
     pace: Option<Pace>,
@@ -92,8 +92,8 @@ impl LagCompensation {
         }
     }
 
-    /// Leaves a scan out whose signals nobody needs, if the next one comes soon enough. Returns whether
-    /// it did.
+    /// Leaves a scan out whose signals nobody needs, if the next one comes soon enough. Returns
+    /// whether it did.
     pub(crate) fn skip(state: &mut LagState, passed: u32) -> bool {
         let (now, [part, ..]) = (state.now.wrapping_add(passed.min(LONGEST_US)), &state.parts);
         let skips = now.wrapping_sub(part.at) < LEAST_US;
@@ -103,8 +103,8 @@ impl LagCompensation {
         skips
     }
 
-    /// Follows one part of the signals of a scan, or none, `passed` microseconds after the last scan.
-    /// A part counts as followed in the scans between.
+    /// Follows one part of the signals of a scan, or none, `passed` microseconds after the last
+    /// scan. A part counts as followed in the scans between.
     pub(crate) fn listen(
         &self,
         state: &mut LagState,
@@ -184,12 +184,12 @@ struct Pace {
 }
 
 impl Pace {
-    /// Returns the coefficients for `passed` seconds, of low-passes for this time between two scans;
-    /// `None` without a lag.
+    /// Returns the coefficients for `passed` seconds, of low-passes for this time between two
+    /// scans; `None` without a lag.
     ///
-    /// A low-pass with the time constant τ that is read every h seconds is 1 − τs + (τ² + τh/2)s² up
-    /// to the second order. The weights a and b of u₁ + a(u₁ − u₂) + b(u₁ − 2u₂ + u₃), the outputs
-    /// of the low-passes, follow from comparing its coefficients with those of the inverse.
+    /// A low-pass with the time constant τ that is read every h seconds is 1 − τs + (τ² + τh/2)s²
+    /// up to the second order. The weights a and b of u₁ + a(u₁ − u₂) + b(u₁ − 2u₂ + u₃), the
+    /// outputs of the low-passes, follow from comparing its coefficients with those of the inverse.
     #[cold]
     #[inline(never)]
     fn of(lag: f32, [passed, scan]: [f32; 2]) -> Option<Self> {

@@ -68,8 +68,8 @@ impl Levels {
         levels
     }
 
-    /// Returns the levels of a scan, corrected to the temperature of the calibration, with the light
-    /// multiplied by `gain`.
+    /// Returns the levels of a scan, corrected to the temperature of the calibration, with the
+    /// light multiplied by `gain`.
     #[must_use]
     #[inline(never)]
     pub fn at_reference(codes: &Codes, warm: Option<Warm<'_>>, gain: f32) -> Self {

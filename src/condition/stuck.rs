@@ -46,8 +46,8 @@ const LESSON: u32 = 128 * GROUPS as u32;
 /// State of the detector. One group is visited at a time, until all of its channels have moved.
 #[derive(Clone, Debug, Default)]
 pub struct StuckWatch {
-    /// Visits before this one; a later lesson counts on from [`GROUPS`], because only the first round
-    /// differs. The lowest bits are the visited group.
+    /// Visits before this one; a later lesson counts on from [`GROUPS`], because only the first
+    /// round differs. The lowest bits are the visited group.
     visits: u32,
     /// Comparisons of this visit until the next that takes longer than usual, and their number by
     /// then. There are none left before a visit.
@@ -67,15 +67,16 @@ pub struct StuckWatch {
     repeated: Longest,
     /// Whether a lesson has ended.
     taught: bool,
-    /// Bits of all channels, taxels first: those that moved in the latest visit of their group, lie at
-    /// a rail or do not exist; and those of the others that are stuck.
+    /// Bits of all channels, taxels first: those that moved in the latest visit of their group, lie
+    /// at a rail or do not exist; and those of the others that are stuck.
     moved: u32,
     stuck: u32,
 }
 
 impl StuckWatch {
-    /// Processes one scan, adds the stuck channels to its `health` and returns whether there are any.
-    /// All are if the scan is frozen. Codes of a `flooded` matrix, whose taxels clip, have no noise.
+    /// Processes one scan, adds the stuck channels to its `health` and returns whether there are
+    /// any. All are if the scan is frozen. Codes of a `flooded` matrix, whose taxels clip, have no
+    /// noise.
     ///
     /// Whatever is rare is done in functions of its own, so that a usual scan takes little time.
     pub fn update(&mut self, codes: &Codes, flooded: bool, health: &mut Health) -> bool {
@@ -114,7 +115,8 @@ impl StuckWatch {
         (self.last, self.changed) = (now, [0; 2]);
     }
 
-    /// Compares the channels of the group with their last codes. Returns true if the scan is frozen.
+    /// Compares the channels of the group with their last codes. Returns true if the scan is
+    /// frozen.
     fn visit(&mut self, now: Group, codes: &Codes, flooded: bool) -> bool {
         let [one, other] = core::mem::replace(&mut self.last, now);
         let new = [now[0] ^ one, now[1] ^ other];

@@ -22,17 +22,17 @@ use crate::scan::{COLS, ROWS, TAXEL_CENTRES, TAXELS};
 const FIRST_STEPS: u8 = 3;
 /// Time between scans, in microseconds, that leaves enough for [`FIRST_STEPS`].
 const UNHURRIED_US: u32 = 900;
-/// Reach of a linearisation with shear: change of s as its share, of x and y in mm, and of the shear
-/// as a share of the normal force.
+/// Reach of a linearisation with shear: change of s as its share, of x and y in mm, and of the
+/// shear as a share of the normal force.
 ///
 /// Shear and position resemble each other, so that slopes a few per cent off already show as noise
 /// of both.
 const REACH: [f32; 3] = [0.015, 0.02, 0.02];
-/// Normal force in newtons at which the reach with shear is twice as long: noise moves a light contact
-/// without a need for other slopes.
+/// Normal force in newtons at which the reach with shear is twice as long: noise moves a light
+/// contact without a need for other slopes.
 const LIGHT: f32 = 0.05;
-/// Reach of a linearisation without shear, or with a shear that nobody needs, in reaches of one with
-/// shear.
+/// Reach of a linearisation without shear, or with a shear that nobody needs, in reaches of one
+/// with shear.
 pub(super) const PRESSED_REACH: f32 = 6.0;
 /// Unknowns of a contact without shear: s, x, y.
 const PRESSED: Range<usize> = 2..5;

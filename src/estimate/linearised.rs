@@ -57,8 +57,8 @@ impl Linearised {
     /// Returns the step that explains the residuals `left` best. `pull` is the gradient of the
     /// prior, [`Self::weights`] times the way to its mean.
     ///
-    /// The second value is what the step takes from the sum of the squared residuals where `pull` is
-    /// zero, and about that where the displacements tell more than the prior.
+    /// The second value is what the step takes from the sum of the squared residuals where `pull`
+    /// is zero, and about that where the displacements tell more than the prior.
     #[must_use]
     #[inline(never)]
     pub fn step(&self, left: &[f32; TAXELS], pull: &Six) -> (Six, f32) {

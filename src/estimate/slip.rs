@@ -177,8 +177,8 @@ impl Slip {
     }
 
     /// Updates and returns 1/μ. `ratio` is shear over normal force, `held` the part of it beyond
-    /// noise, and `noise` the noise over the shear. The last estimate was `elapsed` seconds ago; `ring` is
-    /// new over `taught` seconds.
+    /// noise, and `noise` the noise over the shear. The last estimate was `elapsed` seconds ago;
+    /// `ring` is new over `taught` seconds.
     fn learn(
         &self,
         state: &mut SlipState,

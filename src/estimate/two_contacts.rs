@@ -2,10 +2,10 @@
 //!
 //! The search runs only if a single contact does not explain the displacements. Gauss–Newton fits
 //! two normal contacts, six unknowns, to the sixteen displacements in the same
-//! [`Field`](super::field::Field), one or two steps a scan. The pair is believed if it explains more
-//! than a single contact and its contacts are far enough apart. A believed pair is followed alone,
-//! with the [linearisation](super::linearised) of a single contact's fit, and compared with a single
-//! contact now and then.
+//! [`Field`](super::field::Field), one or two steps a scan. The pair is believed if it explains
+//! more than a single contact and its contacts are far enough apart. A believed pair is followed
+//! alone, with the [linearisation](super::linearised) of a single contact's fit, and compared with
+//! a single contact now and then.
 
 use super::field::Load;
 use super::inverse::{Inverse, PRESSED_REACH, misfit, square, squared};

@@ -15,8 +15,8 @@
 //! summed over the sensors pass a band-pass. The energy of the band is compared with its own
 //! earlier floor, and with the energy of the band below, which motion fills first.
 //!
-//! Faulty channels are left out. Whenever they change, the detector hears nothing for 0.2 s, until its
-//! filters have settled.
+//! Faulty channels are left out. Whenever they change, the detector hears nothing for 0.2 s, until
+//! its filters have settled.
 //!
 //! The band needs 600 samples a second, not one in every scan. The sums are therefore averaged over
 //! the scans of 1.5 ms. The channels are then filtered in turn, so that no scan bears the
@@ -203,8 +203,8 @@ pub struct VibrationState {
 }
 
 impl VibrationState {
-    /// Leaves faulty channels out. What they read is no vibration, nor is the jump at the beginning and
-    /// end of a fault: the filters settle first.
+    /// Leaves faulty channels out. What they read is no vibration, nor is the jump at the beginning
+    /// and end of a fault: the filters settle first.
     #[cold]
     #[inline(never)]
     fn leave_out(&mut self, signals: &Signals, settling: u16) {

@@ -1,8 +1,8 @@
 //! Uncertainty of a force that changes quickly.
 //!
 //! Compensation of the lag leaves an error while the rate of the force changes, and for some lags
-//! after it. How large it is nobody knows; the bend of the force's course, its second difference with
-//! its values after one and two low-passes, tells about it.
+//! after it. How large it is nobody knows; the bend of the force's course, its second difference
+//! with its values after one and two low-passes, tells about it.
 
 use super::filters::steady;
 use crate::estimate::fusion::Gaussian;

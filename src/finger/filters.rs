@@ -58,8 +58,8 @@ impl Filters {
         self.turn = 0;
     }
 
-    /// Compensates the lag of the signals, `passed` microseconds after the last scan, or not if they
-    /// are not `needed`.
+    /// Compensates the lag of the signals, `passed` microseconds after the last scan, or not if
+    /// they are not `needed`.
     #[inline(always)]
     pub(super) fn compensate(
         &mut self,
@@ -87,9 +87,9 @@ pub(super) fn drifts<'c>(
     record?.drift().filter(|_| sound)
 }
 
-/// Takes a drift of the light off the signals. Returns the taxels' signals as they were, whether the
-/// others exceed the threshold, and whether the drift is small enough for one. A separate function,
-/// because few scans need it.
+/// Takes a drift of the light off the signals. Returns the taxels' signals as they were, whether
+/// the others exceed the threshold, and whether the drift is small enough for one. A separate
+/// function, because few scans need it.
 #[cold]
 #[inline(never)]
 pub(super) fn without_drift(

@@ -39,7 +39,8 @@ pub(super) fn possible(estimate: &Estimate) -> bool {
         })
 }
 
-/// Withholds all estimates of a contact and forgets what the estimators remember, which is as doubtful.
+/// Withholds all estimates of a contact and forgets what the estimators remember, which is as
+/// doubtful.
 #[cold]
 #[inline(never)]
 pub(super) fn withhold(estimate: &mut Estimate, state: &mut FingerState) {

@@ -32,13 +32,13 @@ const CENTROID_ERROR: f32 = 0.8;
 /// Gate of the shear model, in multiples of the shear that counts as none ([`UNSEEN_SHEAR`]).
 ///
 /// The gate needs the force sensors. Without them the model always includes shear, because the
-/// misfit of the normal model does not reveal shear: the contact position absorbs it first. It waits
-/// for a few estimates, because a scan's noise would otherwise open it in every light touch.
+/// misfit of the normal model does not reveal shear: the contact position absorbs it first. It
+/// waits for a few estimates, because a scan's noise would otherwise open it in every light touch.
 const SHEAR: Gate = Gate { on: 1.0, off: 0.7, begin_frames: 3, end_frames: 20 };
 /// Gate of the search for two contacts; its thresholds are misfits of a single contact.
 const SEVERAL: Gate = Gate { on: 10.0, off: 5.0, begin_frames: 4, end_frames: 20 };
-/// Estimates for which a believed pair is followed alone, and those with a single contact to compare
-/// it with, which needs a few to converge.
+/// Estimates for which a believed pair is followed alone, and those with a single contact to
+/// compare it with, which needs a few to converge.
 const TRUSTED: u8 = 32;
 const COMPARED: u8 = 4;
 /// Time in microseconds, besides that of a scan, over which a contact is followed from estimate to

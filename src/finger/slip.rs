@@ -17,8 +17,8 @@ use crate::units::{Micros, NewtonMillimetres};
 const TORSION_SIGMAS: f32 = 3.0;
 /// Time after an estimate in microseconds at which the next one is due even if no frame is.
 const TURN_US: u32 = 1_400;
-/// Time in microseconds after which friction learns again from the friction utilisation. That needs a
-/// new linearisation of the skin's model in most scans, for which faster ones leave no time.
+/// Time in microseconds after which friction learns again from the friction utilisation. That needs
+/// a new linearisation of the skin's model in most scans, for which faster ones leave no time.
 const LEARN_US: u32 = 900;
 /// Longest time between two estimates in seconds: friction learns nothing from a gap.
 const LONGEST: f32 = 0.01;

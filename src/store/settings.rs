@@ -1,7 +1,7 @@
 //! Settings and a bias taken on command, kept together: saving one writes both again.
 //!
-//! Each save of a change costs one erasure, and a page endures ten thousand (DS12589 table 45). That
-//! is enough, because settings are saved only when a person asks for it.
+//! Each save of a change costs one erasure, and a page endures ten thousand (DS12589 table 45).
+//! That is enough, because settings are saved only when a person asks for it.
 
 use serde::{Deserialize, Serialize};
 

@@ -264,7 +264,8 @@ fn contact_runs_all_sections_and_sets_their_status() {
     assert_eq!(pressed.point, Err(NoValue::IllConditioned));
 }
 
-/// Nothing, a contact and one whose light clips, twice; into the last estimate and into an empty one.
+/// Nothing, a contact and one whose light clips, twice; into the last estimate and into an empty
+/// one.
 #[test]
 fn no_field_keeps_the_last_contacts_value() {
     for record in [calibration(), everything()] {

@@ -90,8 +90,8 @@ impl Converter {
     /// Checks for exactly `faults` from `late` scans after the fault's beginning until its end;
     /// returns its last estimate.
     ///
-    /// No fault is flagged before it, nor from `late` scans after its end on, or from those in which
-    /// a channel that has jumped stays in doubt.
+    /// No fault is flagged before it, nor from `late` scans after its end on, or from those in
+    /// which a channel that has jumped stays in doubt.
     fn check_flags(self, keys: &str, late: usize, faults: &[Status]) -> Estimate {
         let expected = faults.iter().fold(0, |all, one| all | one.0);
         let estimates = self.fault(keys);

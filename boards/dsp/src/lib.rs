@@ -1,7 +1,7 @@
 //! Steps of a net in 16-bit integers, and the square root, in Cortex-M4 instructions.
 //!
-//! These are two products in one SMLAD, a conversion that clips, tanh from a table, and VSQRT. Each step
-//! exists twice: in `instructions.rs` with these instructions, in `portable.rs` for any other
+//! These are two products in one SMLAD, a conversion that clips, tanh from a table, and VSQRT. Each
+//! step exists twice: in `instructions.rs` with these instructions, in `portable.rs` for any other
 //! processor. Both give the same bits: `cargo xtask cycles` compares them on an emulated core for
 //! ten thousand inputs. A word holds two numbers, the first in its lower half.
 #![no_std]

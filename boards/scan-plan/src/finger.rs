@@ -144,9 +144,9 @@ pub struct Skin {
 
 /// Current gain of the phototransistor: collector current over base current.
 ///
-/// The 25 µA of the SFH 3010's sheet come from 0.04 mm² of silicon, which at 0.6 A/W make 0.12 µA of
-/// 0.5 mW/cm². The gain is therefore at least 208, and some 450 with twice the minimum current. The
-/// sheet of the larger SFH 3401 has 340 to 860.
+/// The 25 µA of the SFH 3010's sheet come from 0.04 mm² of silicon, which at 0.6 A/W make 0.12 µA
+/// of 0.5 mW/cm². The gain is therefore at least 208, and some 450 with twice the minimum current.
+/// The sheet of the larger SFH 3401 has 340 to 860.
 pub const CURRENT_GAIN: f64 = 450.0;
 /// Rise time (10–90 %) of an SFH3010 at 1 mA on a load of 1 kΩ, in seconds (data sheet).
 const RISE_S: f64 = 7e-6;

@@ -12,8 +12,9 @@
 //!   Between the pairs ADC2 converts the amplifiers' bias pin, which is the bridges' own reference,
 //!   while the amplifiers settle on their second input.
 //!
-//! Slow scans divide the timer's clock. Both ADCs run on HCLK/4, synchronous with the timer. A trigger is always taken after the same
-//! number of cycles, so that the only jitter of a sample is that of the crystal-less clock.
+//! Slow scans divide the timer's clock. Both ADCs run on HCLK/4, synchronous with the timer. A
+//! trigger is always taken after the same number of cycles, so that the only jitter of a sample is
+//! that of the crystal-less clock.
 
 use taxel::scan::{ScanSetting, ScanSettings};
 use taxel::wire::message::Refusal;

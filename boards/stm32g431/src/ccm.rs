@@ -10,8 +10,8 @@ unsafe extern "C" {
 
 /// Copies code from flash into the CCM SRAM (`ccm.x`).
 ///
-/// Call it before any of that code runs, which includes all copying. The CCM keeps its contents over
-/// a reset and holds anything after power-up.
+/// Call it before any of that code runs, which includes all copying. The CCM keeps its contents
+/// over a reset and holds anything after power-up.
 pub fn load() {
     let (mut to, mut from) = (&raw mut __sccm, &raw const __siccm);
     // SAFETY: the linker has reserved as many words on both sides; nothing else uses them yet.

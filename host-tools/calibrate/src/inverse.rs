@@ -135,7 +135,8 @@ pub fn fit(
     Ok(Fit { model, place_noise: at.labels.press, field: at.field, taxels: at.taxels })
 }
 
-/// Levenberg–Marquardt from a start. Stopped later than in the first step, it keeps the best so far.
+/// Levenberg–Marquardt from a start. Stopped later than in the first step, it keeps the best so
+/// far.
 ///
 /// # Errors
 ///

@@ -30,7 +30,8 @@ const LOADED: f64 = 0.05;
 /// Fewest rows.
 const LEAST_ROWS: usize = 200;
 
-/// Fits the lags to the recordings of the finger; `None` if neither skin nor force sensors are late.
+/// Fits the lags to the recordings of the finger; `None` if neither skin nor force sensors are
+/// late.
 ///
 /// A sensor on a bench of its own is fitted as it stands, because its reference is slow.
 pub(crate) fn fit(recordings: &[Prepared<'_>], subjects: &[Subject]) -> Option<LagCompensation> {

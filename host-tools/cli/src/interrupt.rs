@@ -11,8 +11,8 @@ use std::time::{Duration, Instant};
 
 use crate::output;
 
-/// Time from Ctrl-C to the end of the process, so that it ends within a second on a busy machine too;
-/// held by the tests in `ctrl_c.rs`.
+/// Time from Ctrl-C to the end of the process, so that it ends within a second on a busy machine
+/// too; held by the tests in `ctrl_c.rs`.
 pub const DEADLINE: Duration = Duration::from_millis(700);
 /// Longest farewell to a finger after Ctrl-C.
 const FAREWELL: Duration = Duration::from_millis(400);
@@ -82,8 +82,8 @@ impl Interrupt {
 
     /// Takes leave of a finger in a thread; after Ctrl-C for at most [`FAREWELL`].
     ///
-    /// The values that `leave` owns are dropped there too, because dropping a client or a page waits
-    /// for its threads.
+    /// The values that `leave` owns are dropped there too, because dropping a client or a page
+    /// waits for its threads.
     pub fn farewell(&self, leave: impl FnOnce() + Send + 'static) {
         let begun = Instant::now();
         let leaving = thread::spawn(leave);

@@ -19,8 +19,8 @@ const WRITE_PATIENCE: Duration = Duration::from_secs(1);
 /// Time limit of a TCP connection.
 const CONNECT_PATIENCE: Duration = Duration::from_secs(2);
 
-/// Silence of a TCP peer before the first probe, interval of the probes, and probes without an answer
-/// after which the link counts as broken: 25 s in all.
+/// Silence of a TCP peer before the first probe, interval of the probes, and probes without an
+/// answer after which the link counts as broken: 25 s in all.
 const KEEP_ALIVE_AFTER: Duration = Duration::from_secs(10);
 const KEEP_ALIVE_EVERY: Duration = Duration::from_secs(5);
 const KEEP_ALIVE_RETRIES: u32 = 3;

@@ -108,7 +108,8 @@ impl ReconnectingClient {
         self.state().client.clone()
     }
 
-    /// Waits for the next event, in one thread at a time. The finger streams from the first call on.
+    /// Waits for the next event, in one thread at a time. The finger streams from the first call
+    /// on.
     ///
     /// A connection is made in a thread of its own, because a finger may be silent for seconds: no
     /// call takes longer than `patience` and the interval between attempts, 0.1 s.

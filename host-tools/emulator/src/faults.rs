@@ -2,11 +2,11 @@
 //!
 //! A run without a fault records the writes up to the open port. A fault inverts one bit of a
 //! register's last write among them, so that the chip works with it and the firmware does not know.
-//! The scene is the same in each run: start, enumeration, a stream of raw codes, a reading that each
-//! converter's DMA misses, and a suspended bus. A fault is killed if the board then behaves otherwise
-//! than without it, in what a user or an instrument could see, or if the chip does not allow an
-//! access. It is refused if the emulator stops for want of a model. No check compares registers:
-//! an inverted bit always differs.
+//! The scene is the same in each run: start, enumeration, a stream of raw codes, a reading that
+//! each converter's DMA misses, and a suspended bus. A fault is killed if the board then behaves
+//! otherwise than without it, in what a user or an instrument could see, or if the chip does not
+//! allow an access. It is refused if the emulator stops for want of a model. No check compares
+//! registers: an inverted bit always differs.
 
 pub mod table;
 

@@ -4,8 +4,8 @@
 //! reference finger, 4 kHz ─▶ codes ─┬──────────▶ Finger ─▶ sound frames ─┐
 //!                                   └─ fault ──▶ Finger ─▶ faulty frames ┴─▶ Case ─▶ Row
 //! ```
-//! Every [fault](crate::faults) starts at rest, at the touch and under load, on the matrix alone and
-//! on the finger with force sensors. Sound runs of the built-in scenes count the false alarms.
+//! Every [fault](crate::faults) starts at rest, at the touch and under load, on the matrix alone
+//! and on the finger with force sensors. Sound runs of the built-in scenes count the false alarms.
 
 mod alarms;
 mod bench;

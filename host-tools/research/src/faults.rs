@@ -90,7 +90,8 @@ impl Fault {
         faulty
     }
 
-    /// Returns the faulty code of channel `k`, which depends on that channel and its dark code alone.
+    /// Returns the faulty code of channel `k`, which depends on that channel and its dark code
+    /// alone.
     fn one(&self, change: Change, k: usize, since: usize, codes: &Flat) -> u16 {
         let (code, top) = (codes[k], f64::from(self.sound.top));
         let sigma = self.sound.sigma[k];

@@ -51,7 +51,8 @@ fn parse(table: &str) -> anyhow::Result<Vec<Peer>> {
     rows.collect()
 }
 
-/// Lists a bar for each implementation: cycles, error and ratio to the core's net of that arithmetic.
+/// Lists a bar for each implementation: cycles, error and ratio to the core's net of that
+/// arithmetic.
 fn bars(peers: &[Peer]) -> Vec<Bar> {
     let own = |q15| peers.iter().find(|peer| is_own(peer) && is_q15(peer) == q15)?.cycles;
     let figures = |peer: &Peer| match (peer.cycles, own(is_q15(peer))) {

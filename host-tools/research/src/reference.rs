@@ -1,4 +1,5 @@
-//! The reference finger, calibrated as a user does it: the recordings of the README, fitted by default.
+//! The reference finger, calibrated as a user does it: the recordings of the README, fitted by
+//! default.
 
 use std::sync::atomic::AtomicBool;
 

@@ -1,4 +1,5 @@
-//! Frames per second of each stage on one core of a host, for the reference finger: `throughput.csv`.
+//! Frames per second of each stage on one core of a host, for the reference finger:
+//! `throughput.csv`.
 
 use std::fmt::Write as _;
 use std::hint::black_box;

@@ -111,8 +111,8 @@ pub struct LightNoise {
 impl LightNoise {
     /// Noise within the bandwidth 1/4τ of the phototransistor on its load.
     ///
-    /// The load adds 4kTR to the shot noise. The conversions of a reading average out the part that changes while
-    /// they last.
+    /// The load adds 4kTR to the shot noise. The conversions of a reading average out the part that
+    /// changes while they last.
     #[must_use]
     pub fn of(scene: &Scene) -> Self {
         let bandwidth = 1e6 / (4.0 * scene.time_constant_us());

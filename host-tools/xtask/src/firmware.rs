@@ -102,7 +102,8 @@ pub fn build(board: &str) -> Result<(PathBuf, Footprint)> {
 
 /// As [`build`], but with a log of level `log` over the probe. That image has a name of its own, is
 /// for the bench, and may take the budgets' reserve: its limits are the memories. The others log
-/// nothing: it takes a kilobyte of flash and one of RAM, and `taxel info` tells the last panic, too.
+/// nothing: it takes a kilobyte of flash and one of RAM, and `taxel info` tells the last panic,
+/// too.
 pub fn build_with(board: &str, log: Option<&str>) -> Result<(PathBuf, Footprint)> {
     let mut cargo = toolchain::cargo("build");
     cargo.args(["--package", board]).args(locked()).env("TAXEL_BUILD", revision());

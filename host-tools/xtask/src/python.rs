@@ -80,8 +80,8 @@ fn clients_environment(client: &Path) -> Result<PathBuf> {
     Ok(python)
 }
 
-/// Returns the interpreter of the environment in `folder`, and whether its `imports` are there; makes
-/// an empty environment where they are not.
+/// Returns the interpreter of the environment in `folder`, and whether its `imports` are there;
+/// makes an empty environment where they are not.
 pub fn environment(folder: &Path, imports: &str) -> Result<(PathBuf, bool)> {
     let programs = folder.join(if cfg!(windows) { "Scripts" } else { "bin" });
     let python = programs.join(format!("python{}", std::env::consts::EXE_SUFFIX));

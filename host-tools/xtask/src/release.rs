@@ -1,7 +1,7 @@
 //! `cargo xtask release`: all files of a release, in one folder.
 //!
-//! Images, the core's package, the Python client, and the command as a wheel and as an archive, each
-//! program with its bill of materials and its parts' licences, and checksums of all.
+//! Images, the core's package, the Python client, and the command as a wheel and as an archive,
+//! each program with its bill of materials and its parts' licences, and checksums of all.
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,5 @@
-//! Test that comments keep the rules of style that a machine can see; CONTRIBUTING.md has all of them.
+//! Test that comments keep the rules of style that a machine can see; CONTRIBUTING.md has all of
+//! them.
 
 use std::fs;
 use std::path::Path;

@@ -26,11 +26,11 @@ pub(super) const ALL: usize = FIELD + TAXELS * OWN;
 const SHARE: f64 = 0.005;
 /// Prior of stray light: a share of 0.015 ± 0.01 of the neighbour's signal.
 const STRAY: [f64; 2] = [0.015, 0.01];
-/// Prior standard deviation of a facet's place, mm: parts are placed to a tenth of a millimetre, and
-/// errors of neighbouring rows are alike, so that they tell less than they seem to.
+/// Prior standard deviation of a facet's place, mm: parts are placed to a tenth of a millimetre,
+/// and errors of neighbouring rows are alike, so that they tell less than they seem to.
 const FACET: f64 = 0.03;
-/// Prior standard deviation of the field's coefficients about those of a half-space, and that of the
-/// slip share: slip draws the traction in, and never out.
+/// Prior standard deviation of the field's coefficients about those of a half-space, and that of
+/// the slip share: slip draws the traction in, and never out.
 const SPREAD: [f64; 2] = [100.0, 0.3];
 /// Squared sizes of contacts whose arm of the shear is held where no place is labelled, and its
 /// prior standard deviation about that of a half-space, mm: fingers with labels differ by as much.

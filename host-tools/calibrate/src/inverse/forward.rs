@@ -143,8 +143,8 @@ pub(super) fn displacement(
     found
 }
 
-/// Arm of the shear, mm: a contact that moves by as much, times its friction ratio, moves the facets
-/// beside it as the shear does. At 2 mm from a contact of this squared size.
+/// Arm of the shear, mm: a contact that moves by as much, times its friction ratio, moves the
+/// facets beside it as the shear does. At 2 mm from a contact of this squared size.
 ///
 /// Signals of contacts at unknown places do not tell it.
 pub(super) fn arm(p: &Coefficients, size2: f64) -> f64 {

@@ -6,8 +6,8 @@ use super::{BESIDE, Equations, WORTH};
 
 /// Least square of half a lag behind another clock, in its standard deviations.
 const CLEAR_BEND: f64 = 8.0;
-/// Largest share of a force's mean square that the channels leave. The signals of the matrix bend, and
-/// what they leave where the force sensors are missing looks like a lag.
+/// Largest share of a force's mean square that the channels leave. The signals of the matrix bend,
+/// and what they leave where the force sensors are missing looks like a lag.
 const UNEXPLAINED: f64 = 0.002;
 /// Least lag behind another clock, seconds: the force sensors are not quite linear.
 const LEAST_HIDDEN: f64 = 1e-3;
@@ -102,8 +102,8 @@ mod tests {
         Series { times, rows }
     }
 
-    /// Presses behind a lag, at 500 Hz, and a cell's readings of their force at 100 Hz, read `early`
-    /// seconds too early.
+    /// Presses behind a lag, at 500 Hz, and a cell's readings of their force at 100 Hz, read
+    /// `early` seconds too early.
     fn logged(force: fn(f64) -> f64, lag: f32, early: f64) -> [Log; 2] {
         let noise = |i: usize, size: f64| size * ((i * i) as f64 * 12.9898).sin();
         let mut late = Late::resting(0.0);

@@ -46,10 +46,10 @@ const LOOK: Duration = Duration::from_millis(100);
 ///
 /// --zenoh: no ROS is needed here. A ROS 2 system with RMW_IMPLEMENTATION=rmw_zenoh_cpp shows the
 /// fingers in its graph: `ros2 topic list`, `ros2 topic echo /taxel/F_0042/wrench`. Each finger is
-/// a node named after its serial number. Its topics below NAMESPACE/FINGER are wrench, contact_point
-/// and marker; NAMESPACE/frames (taxel_msgs/Frame), /tf and /diagnostics are shared by all fingers.
-/// Its services are tare and self_test; rate, filter, fields and method are parameters. See
-/// docs/ros2.md.
+/// a node named after its serial number. Its topics below NAMESPACE/FINGER are wrench,
+/// contact_point and marker; NAMESPACE/frames (taxel_msgs/Frame), /tf and /diagnostics are shared
+/// by all fingers. Its services are tare and self_test; rate, filter, fields and method are
+/// parameters. See docs/ros2.md.
 ///
 /// --foxglove: each finger is a topic, /taxel/FINGER, with the messages of an MCAP recording. In
 /// Foxglove: Open connection, Foxglove WebSocket, ws://localhost:8765.
@@ -86,8 +86,8 @@ pub struct Args {
     #[arg(long, value_name = "NAME", default_value = "/taxel")]
     namespace: Namespace,
     /// Publish wrenches about the origin and along the axes of this frame: its pose in the finger's
-    /// frame, x,y,z in mm, or x,y,z,roll,pitch,yaw in mm and degrees (fixed axes, as in URDF). Given
-    /// once for all fingers, or once for each --port in order.
+    /// frame, x,y,z in mm, or x,y,z,roll,pitch,yaw in mm and degrees (fixed axes, as in URDF).
+    /// Given once for all fingers, or once for each --port in order.
     #[arg(long, value_name = "POSE", requires = "zenoh", allow_hyphen_values = true)]
     tool: Vec<Tool>,
     /// Announce the topics as best effort instead of reliable.

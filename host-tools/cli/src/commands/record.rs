@@ -21,10 +21,11 @@ use crate::{output, stream};
 ///
 /// The file name selects the format: .mcap (Foxglove opens it), .parquet (tables) or .csv. Received
 /// frames reach the file within a second, even if this program is killed. Each row has device time
-/// and host time; the file holds the finger's identity, settings and calibration. By default it holds
-/// the codes as well, so that it can be fitted (`taxel calibrate fit`), computed again (`taxel
-/// replay`) and played as a finger (the port `file:FRAMES.mcap`). A finger that is unplugged is waited for and its settings are restored; the column `connection`
-/// then counts up by one.
+/// and host time; the file holds the finger's identity, settings and calibration. By default it
+/// holds the codes as well, so that it can be fitted (`taxel calibrate fit`), computed again
+/// (`taxel replay`) and played as a finger (the port `file:FRAMES.mcap`). A finger that is
+/// unplugged is waited for and its settings are restored; the column `connection` then counts up by
+/// one.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -154,7 +155,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     ))
 }
 
-/// Adds the codes to the fields of a finger's frames. Returns the fields from before if they differ.
+/// Adds the codes to the fields of a finger's frames. Returns the fields from before if they
+/// differ.
 fn add_codes(client: &Client) -> Result<Option<Fields>, LinkError> {
     let fields = client.info()?.fields;
     if fields.contains(Fields::CODES) {

@@ -49,7 +49,8 @@ pub struct Args {
     /// Platform that runs the core.
     #[arg(long, value_enum, default_value_t = Core::Host)]
     on: Core,
-    /// Reads each code again as a converter of so many bits; a board's has 12, without oversampling.
+    /// Reads each code again as a converter of so many bits; a board's has 12, without
+    /// oversampling.
     #[arg(long, value_name = "BITS", value_parser = clap::value_parser!(u8).range(8..=16))]
     bits: Option<u8>,
     #[arg(long, value_name = "LIST", default_value = "estimates", value_parser = fields::parse,

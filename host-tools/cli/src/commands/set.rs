@@ -10,8 +10,8 @@ use taxel_client::{Client, LinkError, Settings, fields};
 use crate::finger::PortArg;
 use crate::output;
 
-/// Changes the finger's settings, until it loses power or permanently with --save. If it refuses one,
-/// all stay as they were.
+/// Changes the finger's settings, until it loses power or permanently with --save. If it refuses
+/// one, all stay as they were.
 #[derive(clap::Args)]
 #[command(group(clap::ArgGroup::new("settings").required(true).multiple(true)))]
 #[command(after_help = EXAMPLES)]

@@ -105,8 +105,8 @@ impl Replay {
     /// The board's link could not carry all frames, or broke.
     pub fn run(self, mut frame: impl FnMut(&Frame) -> ControlFlow<()>) -> anyhow::Result<()> {
         self.client.stream(true)?;
-        // The first scan after a standstill has the flag OVERRUN; earlier ones must not. The board's
-        // time passes by requests alone until there are no more.
+        // The first scan after a standstill has the flag OVERRUN; earlier ones must not. The
+        // board's time passes by requests alone until there are no more.
         let begins = |frame: &Frame| frame.status.contains(Status::OVERRUN);
         while self.client.next(Duration::ZERO)?.is_none_or(|next| begins(&next.frame)) {
             self.client.info()?;

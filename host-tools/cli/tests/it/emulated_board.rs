@@ -149,8 +149,8 @@ fn files_of_a_foreign_finger_are_equal_to_the_byte() {
     files_are_equal(folder.path(), &path("d21_trial.csv"), "d21.toml");
 }
 
-/// Replays faults at 500 Hz: at 1 kHz the first frame of a touch with every field takes longer than a
-/// scan, so one is lost.
+/// Replays faults at 500 Hz: at 1 kHz the first frame of a touch with every field takes longer than
+/// a scan, so one is lost.
 #[test]
 fn emulated_faults_are_flagged_as_on_this_machine() {
     let folder = tempfile::tempdir().unwrap();

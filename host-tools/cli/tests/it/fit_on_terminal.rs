@@ -54,8 +54,8 @@ fn start(folder: &Path) -> (Child, File) {
     (child, master)
 }
 
-/// Starts the fit and waits for so many tenths of its processor time. Returns its keyboard, and what
-/// it will have said.
+/// Starts the fit and waits for so many tenths of its processor time. Returns its keyboard, and
+/// what it will have said.
 ///
 /// The time of a fit is that of the last one that ran to its end, and differs by more than a tenth
 /// on a busy machine.

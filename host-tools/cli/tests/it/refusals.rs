@@ -1,4 +1,5 @@
-//! Tests that what cannot be done is refused at once, in one line with the mend, and changes nothing.
+//! Tests that what cannot be done is refused at once, in one line with the mend, and changes
+//! nothing.
 
 use std::path::Path;
 

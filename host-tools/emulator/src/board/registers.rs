@@ -12,15 +12,15 @@ const FLAGS: [&str; 5] = [".SR", ".ISR", ".ISTR", ".GINTSTS", ".INT"];
 
 /// Reserved bits that the firmware sets: board, register and bits.
 ///
-/// embassy-usb-synopsys-otg 0.3.3 writes the packets per frame (MCNT) for endpoint 0 too, which has no
-/// such field.
+/// embassy-usb-synopsys-otg 0.3.3 writes the packets per frame (MCNT) for endpoint 0 too, which has
+/// no such field.
 const KNOWN: [(&str, &str, u32); 1] = [("stm32f411", "DIEP0.TSIZ", 1 << 29)];
 
 /// Bits that may be set of registers whose model stores bits without their effect.
 ///
-/// Board or `*`, end of the register's name, and bits: those with a model, and those that the firmware
-/// sets although they have none. Any other bit stops the machine. Registers that are not named here
-/// have models that check their bits themselves.
+/// Board or `*`, end of the register's name, and bits: those with a model, and those that the
+/// firmware sets although they have none. Any other bit stops the machine. Registers that are not
+/// named here have models that check their bits themselves.
 const MODELLED: &[(&str, &str, u32)] = &[
     // UIE and CCxIE: no stream serves TIM2.
     ("*", "TIM2.DIER", 0x1f),
@@ -42,7 +42,8 @@ const MODELLED: &[(&str, &str, u32)] = &[
     ("stm32f411", "ADC1.SQR2", 0x3ff),
     ("stm32f411", "ADC1.JSQR", 0x3f_fc00),
     ("stm32f411", "ADC_COMMON.CCR", 0x83_0000),
-    // Speeds have no effect: the pins of the USB and of the probe. Alternate functions of the former.
+    // Speeds have no effect: the pins of the USB and of the probe. Alternate functions of the
+    // former.
     ("stm32f411", "GPIOA.OSPEEDR", 0x0fc0_0000),
     ("stm32f411", "GPIOA.AFRH", 0xf_f000),
     // MMS and MMS2; OCxPE and OCxM; MOE

@@ -56,7 +56,8 @@ impl Server {
         Ok(format!("tcp:127.0.0.1:{port} scene at {began} us"))
     }
 
-    /// Serves one client after the other, without end. Virtual time follows real time, or is slower.
+    /// Serves one client after the other, without end. Virtual time follows real time, or is
+    /// slower.
     pub fn serve(mut self) -> Result<()> {
         self.listener.set_nonblocking(true)?;
         let (start, begin) = (Instant::now(), self.board.now());
@@ -102,8 +103,8 @@ impl Server {
         let mut last = Vec::new();
         for request in BufReader::new(client).split(0) {
             let Ok(request) = request else { return Ok(()) };
-            // Each packet begins with a zero, too. A client repeats a request whose reply is late by
-            // real time.
+            // Each packet begins with a zero, too. A client repeats a request whose reply is late
+            // by real time.
             if request.is_empty() || request == last {
                 continue;
             }

@@ -1,7 +1,7 @@
 //! Tests of the flashed images' load with wait states: the share of time that the core is awake.
 //!
-//! The record of the reference finger's default fit is in the finger. Each scene is the recorded run
-//! of its kind after a stretch without contact.
+//! The record of the reference finger's default fit is in the finger. Each scene is the recorded
+//! run of its kind after a stretch without contact.
 
 use std::path::PathBuf;
 

@@ -35,8 +35,8 @@ fn served() -> u16 {
     greeting.split([':', ' ']).nth(2).unwrap().parse().unwrap()
 }
 
-/// Starts a stream on a connection to `port`; pauses before each request and sends it `times` times.
-/// Returns all bytes, replies and frames.
+/// Starts a stream on a connection to `port`; pauses before each request and sends it `times`
+/// times. Returns all bytes, replies and frames.
 fn streamed(port: u16, pause: Duration, times: usize) -> Vec<u8> {
     let mut link = TcpStream::connect(("127.0.0.1", port)).unwrap();
     let settings = ScanSettings { scan_hz: 1_000, oversampling: 4, settle_ns: 20_000 };

@@ -145,8 +145,8 @@ impl Header {
         (finger, state)
     }
 
-    /// Returns noise and levels of a part of the bias, if it is there; an error names a part that is
-    /// not so many finite numbers.
+    /// Returns noise and levels of a part of the bias, if it is there; an error names a part that
+    /// is not so many finite numbers.
     fn levels<const N: usize>(&self, name: &str) -> Result<Option<(f32, [f32; N])>, String> {
         let Some(text) = self.facts.get(name) else { return Ok(None) };
         let finite = |text: &str| text.parse().ok().filter(|value: &f32| value.is_finite());

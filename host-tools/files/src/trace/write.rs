@@ -46,7 +46,8 @@ impl TraceWriter {
         Self::create_commented(path.as_ref().to_owned(), header, None)
     }
 
-    /// Creates the file of a simulation and writes its header; `origin` is one line that says which.
+    /// Creates the file of a simulation and writes its header; `origin` is one line that says
+    /// which.
     ///
     /// # Errors
     /// The file cannot be written.

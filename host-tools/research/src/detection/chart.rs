@@ -1,7 +1,7 @@
 //! Chart of detection as SVG: a line for each kind of fault, from the most demanding class down.
 //!
-//! Four panels: share of cases named in time, time to the name, share of frames that are off without
-//! a flag, and their error.
+//! Four panels: share of cases named in time, time to the name, share of frames that are off
+//! without a flag, and their error.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;

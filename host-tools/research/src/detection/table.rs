@@ -33,8 +33,8 @@ pub struct Row {
     pub named: u64,
     /// Those within the time that the class asks for.
     pub in_time: u64,
-    /// Cases in which a sound channel is named. Of a sound scene, the flagged frames less those whose
-    /// taxels light has clipped.
+    /// Cases in which a sound channel is named. Of a sound scene, the flagged frames less those
+    /// whose taxels light has clipped.
     pub wrong: u64,
     /// Time to the naming frame in ms: half of the named cases, and the slowest of them.
     pub median_ms: Option<f64>,

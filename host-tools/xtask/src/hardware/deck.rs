@@ -179,7 +179,8 @@ impl Circuit {
         add(deck, format_args!("Cp{name} adc{name} 0 {:e}", REFERENCE.converter.sampling_f));
     }
 
-    /// Adds the noise of light on row 0's pair of the column `name`, and an input `Vs` for its gain.
+    /// Adds the noise of light on row 0's pair of the column `name`, and an input `Vs` for its
+    /// gain.
     ///
     /// A current of photons has shot noise 2qI, which is the thermal noise of a resistor 2V_T/I.
     pub fn photon_noise(&self, deck: &mut String, name: &str) {
@@ -202,7 +203,8 @@ impl Circuit {
 
 /// Adds the line of a row's LEDs, on which the emitter of the pair `name` is.
 ///
-/// The switch holds it near ground; without it the LEDs pull it up until hardly any current is left.
+/// The switch holds it near ground; without it the LEDs pull it up until hardly any current is
+/// left.
 fn row_switch(
     deck: &mut String,
     name: &str,

@@ -29,7 +29,8 @@ const KINDS: [(&str, &[&str]); 3] = [
 /// Labels of a load cell alone.
 pub const CELL: &str = "load cell's log";
 
-/// Judged recordings, those of `taxel-research ablation`: scene, seed, duration, presses, time of each.
+/// Judged recordings, those of `taxel-research ablation`: scene, seed, duration, presses, time of
+/// each.
 const JUDGED: [(&str, &str, u32, u32, f64); 3] =
     [("shear", "31", 16, 70, 0.2), ("shear", "32", 41, 40, 1.0), ("presses", "33", 16, 70, 0.2)];
 

@@ -1,4 +1,5 @@
-//! Registers as the manufacturer's SVD files describe them, from the sources of a crate made of them.
+//! Registers as the manufacturer's SVD files describe them, from the sources of a crate made of
+//! them.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

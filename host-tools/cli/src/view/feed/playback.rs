@@ -26,9 +26,9 @@ const BEGINNING: f64 = f64::NEG_INFINITY;
 
 type Rows = Box<dyn Iterator<Item = Result<Vec<Cell>, FileError>> + Send>;
 
-/// Opens the file at or before a device time in seconds. A recording's frames are shown as recorded.
-/// With a `calibration`, or for a trace, they are computed from the codes, from the first one on,
-/// because the finger's state depends on them.
+/// Opens the file at or before a device time in seconds. A recording's frames are shown as
+/// recorded. With a `calibration`, or for a trace, they are computed from the codes, from the first
+/// one on, because the finger's state depends on them.
 fn open(
     path: &Path,
     calibration: Option<&Calibration>,

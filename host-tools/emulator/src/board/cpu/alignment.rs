@@ -181,7 +181,8 @@ mod tests {
 
     #[test]
     fn other_accesses_may_be_unaligned() {
-        // push {r4, lr}; vpush {d8}; ldr r2, [r1]; ldr.w r2, [r1, #1]; vmov r0, r1, d0; tbb [r1, r2]
+        // push {r4, lr}; vpush {d8}; ldr r2, [r1]; ldr.w r2, [r1, #1]; vmov r0, r1, d0;
+        // tbb [r1, r2]
         let free = [0xb510, 0xed2d, 0x8b02, 0x680a, 0xf8d1, 0x2001, 0xec51, 0x0b10, 0xe8d1, 0xf002];
         assert_eq!(bases(&free), Bases::default());
         // it eq; ldmeq r0!, {r1, r2}

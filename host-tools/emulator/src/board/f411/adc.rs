@@ -1,9 +1,10 @@
 //! ADC of the STM32F411 (RM0383 §11).
 //!
-//! Timers or the program (SWSTART) start its regular sequence, timers its injected one. The injected
-//! one may take one conversion per trigger (JDISCEN), and the regular one has a single conversion
-//! without DMA. The ADC's clock is PCLK2/4, synchronous with the timers. A sample is the voltage at
-//! the end of its sampling time, which must be long enough for its source. Noise is not modelled.
+//! Timers or the program (SWSTART) start its regular sequence, timers its injected one. The
+//! injected one may take one conversion per trigger (JDISCEN), and the regular one has a single
+//! conversion without DMA. The ADC's clock is PCLK2/4, synchronous with the timers. A sample is the
+//! voltage at the end of its sampling time, which must be long enough for its source. Noise is not
+//! modelled.
 
 use crate::board::finger::Source;
 use crate::board::time::{HZ, Tick, micros};

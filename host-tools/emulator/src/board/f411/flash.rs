@@ -1,9 +1,9 @@
 //! Flash of the STM32F411 (RM0383 §3): wait states, sector erase, word programming, power cuts.
 //!
 //! Only the sectors that `memory.x` keeps from the program can be erased and programmed. Firmware
-//! that changes its own code is not modelled. The core stalls while the flash is busy, unless it runs
-//! from another memory. There is no error correction: cells that a power cut left half done are read
-//! as they are.
+//! that changes its own code is not modelled. The core stalls while the flash is busy, unless it
+//! runs from another memory. There is no error correction: cells that a power cut left half done
+//! are read as they are.
 
 use crate::board::cells::{BSY, Cells, Flash as Changed, FlashContents, LOCK, Lock};
 use crate::board::time::{Tick, micros};

@@ -24,7 +24,8 @@ const FASTEST_APB1: u64 = 50_000_000;
 /// Hertz per wait state at 2.7 V to 3.6 V (RM0383 table 6).
 const WAIT_STATE_HZ: u64 = 30_000_000;
 
-/// Oscillators with their typical start-up times, and the PLL with its longest (DS10314 tables 38 to 42).
+/// Oscillators with their typical start-up times, and the PLL with its longest (DS10314 tables 38
+/// to 42).
 const OSCILLATORS: [Oscillator; 4] = [
     Oscillator { register: CR, on: 0, ready: 1, start: nanos(2_200) },
     Oscillator { register: CR, on: 16, ready: 17, start: micros(2_000) },
@@ -121,7 +122,8 @@ impl Rcc {
 
     /// Writes the register at `offset`.
     ///
-    /// `latency` are the flash's wait states, `scale` is the voltage scale, 1 to 3, and `now` the time.
+    /// `latency` are the flash's wait states, `scale` is the voltage scale, 1 to 3, and `now` the
+    /// time.
     pub fn write(
         &mut self,
         offset: u32,

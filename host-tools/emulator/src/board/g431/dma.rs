@@ -50,7 +50,8 @@ impl Dma {
             .find(|i| self.requests[*i] & 0x7f == request && self.channels[*i].ccr & 1 == 1)
     }
 
-    /// Next transfer of a channel, and whether it is the last of a turn; `None` if there is none left.
+    /// Next transfer of a channel, and whether it is the last of a turn; `None` if there is none
+    /// left.
     pub fn take(&mut self, index: usize) -> Outcome<Option<(Transfer, bool)>> {
         let channel = &mut self.channels[index];
         if channel.cndtr == 0 {

@@ -2,8 +2,8 @@
 //! cuts.
 //!
 //! Only the pages that `memory.x` keeps from the program can be erased and programmed. Firmware
-//! that changes its own code is not modelled. The core stalls while the flash is busy, unless it runs
-//! from another memory.
+//! that changes its own code is not modelled. The core stalls while the flash is busy, unless it
+//! runs from another memory.
 //! On the STM32G473 it stalls too, although there a bank can be read while the other one is busy.
 
 use crate::board::cells::{BSY, Cells, Flash as Changed, FlashContents, LOCK, Lock};

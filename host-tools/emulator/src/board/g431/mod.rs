@@ -43,8 +43,8 @@ const WIRING: Wiring = Wiring {
 
 /// Memory map (DS12589 §4): SRAM1 and SRAM2, and the CCM SRAM at its first address.
 ///
-/// The CCM SRAM's second address, behind SRAM2, is left out: what runs over the end of the RAM stops
-/// there instead of overwriting the stack.
+/// The CCM SRAM's second address, behind SRAM2, is left out: what runs over the end of the RAM
+/// stops there instead of overwriting the stack.
 const MAP: Map = Map {
     flash: flash::ALL,
     accelerator: fetch::G4,

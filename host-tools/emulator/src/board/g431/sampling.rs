@@ -4,8 +4,8 @@ use crate::board::Outcome;
 use crate::board::finger::Source;
 use crate::board::time::{Tick, nanos};
 
-/// Sampling times in nanoseconds, and the largest impedances in ohms of a fast and a slow input that
-/// they suffice for (DS12589 table 67); slow inputs cannot be sampled for the shortest.
+/// Sampling times in nanoseconds, and the largest impedances in ohms of a fast and a slow input
+/// that they suffice for (DS12589 table 67); slow inputs cannot be sampled for the shortest.
 const IMPEDANCES: [(u64, [f64; 2]); 8] = [
     (42, [100.0, -1.0]),
     (109, [330.0, 100.0]),

@@ -63,7 +63,8 @@ const F4: Dma = Dma {
 };
 
 impl Dma {
-    /// Chip whose TIM1 requests a transfer every [`PERIOD`], and a channel set up for `count` words.
+    /// Chip whose TIM1 requests a transfer every [`PERIOD`], and a channel set up for `count`
+    /// words.
     fn set_up(&self, count: u32, mode: u32) -> Driver {
         let mut driver = Driver::new(self.model);
         self.clocks.iter().for_each(|(register, bits)| driver.set(*register, *bits));

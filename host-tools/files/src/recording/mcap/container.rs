@@ -99,8 +99,8 @@ impl Container {
         }
     }
 
-    /// Lists where the chunks begin, by the lengths of the records alone. `None` if a length or a code
-    /// is impossible.
+    /// Lists where the chunks begin, by the lengths of the records alone. `None` if a length or a
+    /// code is impossible.
     pub(super) fn chunks(&mut self) -> io::Result<Option<Vec<u64>>> {
         let Some(end) = self.length else { return Ok(None) };
         let (mut starts, mut at) = (Vec::new(), mcap::MAGIC.len() as u64);

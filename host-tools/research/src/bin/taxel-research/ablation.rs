@@ -278,7 +278,8 @@ mod tests {
         let means = means(&text).unwrap();
         let figures = |part: &str| means[&(REFERENCE.into(), part.into())].0.clone();
         let [matrix, both] = ["matrix", "both"].map(figures);
-        // A hundredth is asked of each device and effect; a normal distribution has 68 % within one.
+        // A hundredth is asked of each device and effect; a normal distribution has 68 % within
+        // one.
         for line in text.lines().filter(|line| line.starts_with(REFERENCE)) {
             let mut shares = line.rsplit(',').map(|cell| cell.parse::<f64>().unwrap());
             let (within, beyond) = (shares.next().unwrap(), shares.next().unwrap());
