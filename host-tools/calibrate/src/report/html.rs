@@ -232,7 +232,7 @@ fn requirements(page: &mut String, requirements: &[Requirement]) {
         let _ = write!(
             page,
             "<tr><td class=text>{}<td class=text>{}<td class=text>{verdict}</tr>",
-            requirement.asked,
+            requirement.required,
             escaped(requirement.found.as_deref().unwrap_or("–"))
         );
     }

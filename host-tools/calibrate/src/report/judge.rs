@@ -284,25 +284,25 @@ fn requirements(trials: &[Trial]) -> Vec<Requirement> {
     let rate = trials.iter().map(|trial| trial.rate_hz).filter(|hz| *hz > 0.0).reduce(f64::min);
     vec![
         Requirement {
-            asked: "spatial resolution 1–2 mm",
+            required: "spatial resolution 1–2 mm",
             found: spatial.map(|(mm, target)| format!("{mm:.2} mm RMSE ({target})")),
             met: spatial.map(|(mm, _)| mm <= papers::SPATIAL),
         },
         Requirement {
-            asked: "sensitivity of a few grams",
+            required: "sensitivity of a few grams",
             found: sensitivity
                 .map(|(n, target)| format!("{:.2} mN, {:.2} g ({target})", n * 1e3, n / 9.81e-3)),
             met: sensitivity.map(|(newtons, _)| newtons <= papers::A_FEW_GRAMS),
         },
         Requirement {
-            asked: "dynamic range 1000 : 1",
+            required: "dynamic range 1000 : 1",
             found: range.map(|(range, target)| {
                 format!("{range:.0} : 1 over what these recordings span ({target})")
             }),
             met: range.map(|(range, _)| range >= papers::RANGE),
         },
         Requirement {
-            asked: "time response 100 Hz",
+            required: "time response 100 Hz",
             found: rate.map(|hz| {
                 format!("recorded at {hz:.0} Hz; how fast the finger follows is not in a recording")
             }),

@@ -58,7 +58,7 @@ pub(crate) const ANGLE_DEG: f64 = 10.0;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Requirement {
     /// Text of the requirement.
-    pub asked: &'static str,
+    pub required: &'static str,
     /// Value found, with its quantity.
     pub found: Option<String>,
     /// Whether the requirement is met.

@@ -99,7 +99,7 @@ impl Has {
         }
     }
 
-    /// Largest error of force without a flag that is asked for, in mN.
+    /// Aim for the largest error of force without a flag, in mN.
     pub const fn limit_mn(self) -> f64 {
         match self {
             Self::Matrix => 50.0,

@@ -50,7 +50,7 @@ fn title(class: Class) -> &'static str {
         Class::Total => "No signal is left: named in the first frame",
         Class::Sudden => "Stuck, swapped, wrong bit, noise, floating: named within 10 ms",
         Class::Row => "LED row that loses a twentieth of its light: named within 50 ms",
-        Class::Gradual => "Gain, offset, drift: no time is asked for, the error is bounded",
+        Class::Gradual => "Gain, offset, drift: no aim for the time, the error is bounded",
     }
 }
 
@@ -132,7 +132,7 @@ fn dot(area: &Area<'_>, at: (i32, i32), colour: RGBColor, finger: &str) -> Done 
     Ok(())
 }
 
-/// Draws the lines of the axes behind a class, with the limits that are asked for.
+/// Draws the lines of the axes behind a class, with the aims.
 fn grid(area: &Area<'_>, [top, bottom]: [i32; 2], class: Class) -> Done {
     let vertical = |x: i32, style: ShapeStyle| -> Done {
         area.draw(&PathElement::new([(x, top), (x, bottom)], style))?;
@@ -143,8 +143,8 @@ fn grid(area: &Area<'_>, [top, bottom]: [i32; 2], class: Class) -> Done {
             vertical(axis.at(10f64.powi(power)), FAINT.stroke_width(1))?;
         }
     }
-    if let Some(asked) = class.asked_ms() {
-        vertical(TIME.at(asked), BLACK.stroke_width(1))?;
+    if let Some(aim) = class.aim_ms() {
+        vertical(TIME.at(aim), BLACK.stroke_width(1))?;
     }
     for (colour, (_, limit)) in FINGERS.iter().zip(LIMITS) {
         vertical(ERROR.at(limit), colour.stroke_width(1))?;
@@ -164,7 +164,7 @@ fn axes(area: &Area<'_>, y: i32) -> Done {
             write(area, &text, (axis.at(10f64.powi(power)), y + 12), HPos::Center, 11, GREY)?;
         }
     }
-    let note = "Vertical lines: the time that is asked for, and the largest error that is, 50 mN for the matrix alone \
+    let note = "Vertical lines: the aims, for the time and for the largest error, 50 mN for the matrix alone \
                 and 20 mN with force sensors. Off: by more than that.";
     write(area, note, (16, y + 30), HPos::Left, 12, GREY)
 }

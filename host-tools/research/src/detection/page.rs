@@ -1,15 +1,15 @@
-//! Section of `docs/accuracy.md` that quotes the table: asked and reached, and what stays unnamed.
+//! Section of `docs/accuracy.md` that quotes the table: aims and figures, and what stays unnamed.
 
 use std::fmt::Write as _;
 
 use super::table::{Fault, LIMITS, Row, faults};
 
 /// Share of the cases in per cent that must be named in time.
-const ASKED: f64 = 99.9;
+const NAMED: f64 = 99.9;
 /// Most false alarms in a frame.
 const ALARMS: f64 = 1e-7;
 
-/// Groups of faults: name, what is asked, and whether a row belongs to it.
+/// Groups of faults: name, aim, and whether a row belongs to it.
 type Group = (&'static str, &'static str, fn(&Row) -> bool);
 const GROUPS: [Group; 10] = [
     ("**no signal left**, all places", "100 % in the first frame", |row| row.class == "total"),
@@ -76,33 +76,33 @@ fn wrapped(paragraph: &str) -> String {
     text + "\n"
 }
 
-/// Table of the groups: asked and reached.
+/// Table of the groups: aims and figures.
 fn groups(rows: &[Row]) -> String {
-    let mut text = "| fault | asked | cases | named in time, matrix alone | with force sensors | named at all | \
+    let mut text = "| fault | aim | cases | named in time, matrix alone | with force sensors | named at all | \
                     a sound channel named | false gross slip |\n|---|---|---|---|---|---|---|---|\n"
         .to_owned();
-    for (name, asked, holds) in GROUPS {
+    for (name, aim, holds) in GROUPS {
         let of = || rows.iter().filter(|row| !row.is_clean() && holds(row));
         let by = |finger: &'static str| of().filter(move |row| row.finger == finger);
         let cases: u64 = of().map(|row| row.cases).sum();
         let in_time = LIMITS.map(|(finger, _)| percent(share(by(finger), |row| row.in_time)));
         let [matrix, sensors] =
-            if asked == "–" { ["–".to_owned(), "–".to_owned()] } else { in_time };
+            if aim == "–" { ["–".to_owned(), "–".to_owned()] } else { in_time };
         let all = |count: fn(&Row) -> u64| percent(share(of(), count));
         let (named, wrong) = (all(|row| row.named), all(|row| row.wrong));
         let slides = all(|row| row.slides);
         // Writing into a string cannot fail.
         let _ = writeln!(
             text,
-            "| {name} | {asked} | {cases} | {matrix} | {sensors} | {named} | {wrong} | {slides} |"
+            "| {name} | {aim} | {cases} | {matrix} | {sensors} | {named} | {wrong} | {slides} |"
         );
     }
     text
 }
 
-/// Table of the errors without a flag: asked and reached.
+/// Table of the errors without a flag: aims and figures.
 fn errors(faults: &[Fault<'_>]) -> String {
-    let mut text = "\n| error of force without a flag | asked | kinds within, of all frames | kinds within, of 99 in 100 frames | \
+    let mut text = "\n| error of force without a flag | aim | kinds within, of all frames | kinds within, of 99 in 100 frames | \
                     largest |\n|---|---|---|---|---|\n"
         .to_owned();
     for ((finger, limit), name) in LIMITS.iter().zip(["matrix alone", "with force sensors"]) {
@@ -167,7 +167,7 @@ const LISTED: usize = 20;
 fn unnamed(faults: &[Fault<'_>]) -> String {
     let missed = |fault: &&Fault<'_>| {
         let named = share(fault.rows.iter().copied(), |row| row.named);
-        named.is_some_and(|named| named < ASKED)
+        named.is_some_and(|named| named < NAMED)
     };
     let mut missed: Vec<&Fault<'_>> = faults.iter().filter(missed).collect();
     missed.sort_by(|a, b| b.silent().total_cmp(&a.silent()));

@@ -63,7 +63,7 @@ impl Row {
         let count =
             |holds: &dyn Fn(&Case) -> bool| cases.iter().filter(|c| holds(c)).count() as u64;
         let times = sorted(cases.iter().filter_map(|case| case.named_ms).collect());
-        let in_time = |ms: f64| kind.class.asked_ms().is_none_or(|asked| ms <= asked);
+        let in_time = |ms: f64| kind.class.aim_ms().is_none_or(|aim| ms <= aim);
         let errors = cases.iter().flat_map(|case| &case.errors);
         let errors = sorted(errors.map(|error| 1e3 * f64::from(*error)).collect());
         let sum = |of: fn(&Case) -> usize| cases.iter().map(of).sum::<usize>() as f64;
@@ -121,7 +121,7 @@ impl Row {
     }
 }
 
-/// Fingers by their names, with the largest error of force without a flag that is asked for, in mN.
+/// Fingers by their names, with the aim for the largest error of force without a flag, in mN.
 pub(super) const LIMITS: [(&str, f64); 2] =
     [(Has::Matrix.name(), Has::Matrix.limit_mn()), (Has::Sensors.name(), Has::Sensors.limit_mn())];
 
@@ -267,7 +267,7 @@ mod tests {
 
     #[test]
     fn row_counts_cases_in_time() {
-        let total = *KINDS.iter().find(|kind| kind.class.asked_ms() == Some(0.0)).unwrap();
+        let total = *KINDS.iter().find(|kind| kind.class.aim_ms() == Some(0.0)).unwrap();
         let cases = [case(Some(0.0), &[0.01]), case(Some(3.0), &[0.5]), case(None, &[])];
         let row = Row::of_cases(total, Has::Matrix, Phase::Loaded, &cases);
         assert_eq!((row.cases, row.named, row.in_time), (3, 2, 1));

@@ -31,8 +31,8 @@ impl Class {
         }
     }
 
-    /// Longest time from the fault to the frame that names it, in ms.
-    pub fn asked_ms(self) -> Option<f64> {
+    /// Aim for the longest time from the fault to the frame that names it, in ms.
+    pub fn aim_ms(self) -> Option<f64> {
         match self {
             Self::Total => Some(0.0),
             Self::Sudden => Some(10.0),

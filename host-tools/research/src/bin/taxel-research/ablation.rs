@@ -278,7 +278,7 @@ mod tests {
         let means = means(&text).unwrap();
         let figures = |part: &str| means[&(REFERENCE.into(), part.into())].0.clone();
         let [matrix, both] = ["matrix", "both"].map(figures);
-        // A hundredth is asked of each device and effect; a normal distribution has 68 % within
+        // The aim is a hundredth for each device and effect; a normal distribution has 68 % within
         // one.
         for line in text.lines().filter(|line| line.starts_with(REFERENCE)) {
             let mut shares = line.rsplit(',').map(|cell| cell.parse::<f64>().unwrap());
