@@ -214,7 +214,33 @@ fn lint(compiled: bool, profile: Profile, steps: &mut Steps) -> Result<()> {
     } else {
         steps.leave_out(TABLES, "their crates are neither here nor can be downloaded");
     }
-    steps.take("fuzz targets compile", fuzz::check)
+    steps.take("fuzz targets compile", fuzz::check)?;
+    spelling_and_licences(steps)
+}
+
+/// Checks spelling and licences where the tools are installed; CI has jobs of its own for both.
+fn spelling_and_licences(steps: &mut Steps) -> Result<()> {
+    let typos = || clean("typos", &root());
+    let deny = || clean("cargo-deny", &root());
+    let missing = |mut tool: Command| answer(tool.arg("--version")).is_none();
+    if missing(typos()) {
+        steps.leave_out("spelling", "`typos` is not installed");
+    } else {
+        steps.take("spelling", || run(&mut typos()))?;
+    }
+    if missing(deny()) {
+        steps.leave_out("licences", "`cargo-deny` is not installed");
+        return Ok(());
+    }
+    steps.take("licences and sources of the dependencies", || {
+        ["", "boards/", "host-tools/emulator/", "tests/fuzz/"].iter().try_for_each(|folder| {
+            let manifest = format!("{folder}Cargo.toml");
+            run(deny()
+                .args(["--log-level", "error", "--manifest-path", &manifest])
+                .args(locked())
+                .args(["check", "licenses", "bans", "sources"]))
+        })
+    })
 }
 
 /// Runs the emulator's tests and those on emulated boards, and counts cycles.
