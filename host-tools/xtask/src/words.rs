@@ -1,10 +1,10 @@
-//! Test that comments keep the rules of style that a machine can see; CONTRIBUTING.md has all of
-//! them.
+//! Tests that comments and commits keep the rules of style that a machine can see; CONTRIBUTING.md
+//! has all of them.
 
 use std::fs;
 use std::path::Path;
 
-use crate::run::root;
+use crate::run::{lines, program, root};
 
 /// Words that no comment begins with.
 const OPENERS: [&str; 7] = ["What", "Of", "Where", "Whose", "That which", "The same", "By"];
@@ -83,4 +83,13 @@ fn comment_that_breaks_a_rule_is_found() {
     let lines: Vec<usize> = faults(text).into_iter().map(|(line, _)| line).collect();
     assert_eq!(lines, [1, 4]);
     assert!(faults("/// Bytes of a frame.\n/// Where\n//! Offset.\n").is_empty());
+}
+
+#[test]
+fn commit_subjects_have_72_characters_at_most() {
+    // Older ones may be longer. An archive of the sources has no commits.
+    let log = ["log", "-20", "--since=2026-11-29T06:30:00Z", "--format=%s"];
+    let subjects = lines(program("git", &root()).args(log)).unwrap_or_default();
+    let long = |subject: &&String| subject.chars().count() > 72 && !subject.starts_with("Merge ");
+    assert_eq!(subjects.iter().find(long), None, "shorten it: `git rebase -i` or `--amend`");
 }
