@@ -372,8 +372,8 @@ fn left_out(profile: Profile, config: &str) -> Result<Vec<String>> {
     let filter = config["profile"][profile.name()]["default-filter"].as_str();
     let names = filter.context(".config/nextest.toml: a default-filter is a string")?;
     let Some((_, names)) = names.split_once("not test(/(^|::)") else { return Ok(Vec::new()) };
-    let names = names.trim_end_matches(")").trim_end_matches("::/").trim_matches(['(', ')']);
-    Ok(names.split('|').map(str::to_owned).collect())
+    let names = names.split_once("::/)").map_or(names, |(names, _)| names);
+    Ok(names.trim_matches(['(', ')']).split('|').map(str::to_owned).collect())
 }
 
 #[cfg(test)]
