@@ -22,7 +22,7 @@ pub mod limit_surface;
 mod prepared;
 mod quantise;
 pub mod recording;
-mod reference;
+pub mod reference;
 pub mod report;
 pub mod shear;
 mod skin;

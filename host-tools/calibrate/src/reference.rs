@@ -7,21 +7,34 @@ use taxel_files::table::Table;
 use taxel_files::trace::Sample;
 use taxel_regress::align::{self, Alignment, Series};
 use taxel_regress::error::FitError;
+use taxel_regress::outliers::{Outliers, keep_sound};
 use taxel_regress::shear::FORCES;
 
 use crate::lag;
 use crate::prepared::{Prepared, Subject};
 use crate::recording::{Recording, channels, in_order};
 
+/// Correlation below which a reference may be that of another recording.
+///
+/// Own logs reach it with touches up to 0.3 N under 6 mN of noise, at 10 Hz, and filtered over
+/// 50 ms. A recording of a hundred presses has at most 0.93 with the log of another; with that of
+/// a few, 0.97.
+pub const DOUBTFUL: f64 = 0.98;
+/// Correlation below which a reference is refused.
+const LEAST_CORRELATION: f64 = 0.95;
+
 impl Recording {
     /// Takes the forces from a reference with another clock; rows beyond it get none.
     ///
+    /// A correlation below [`DOUBTFUL`] is that without wrong rows and without the noise of the
+    /// reference.
     /// The finger's lag is the one given, of its calibration, or else is found. It is returned with
     /// the alignment; `None` if there is none, or if the offset of the clocks hides it.
     ///
     /// # Errors
     ///
-    /// A column that is not a force of the finger, or the two cannot be aligned in time.
+    /// A column that is not a force of the finger, or the two cannot be aligned in time or do not
+    /// show the same presses.
     pub fn align(
         &mut self,
         reference: &Table,
@@ -55,6 +68,9 @@ impl Recording {
         }
         let mut alignment = align::align([&self.name, &name], sensor, other)?;
         self.read(&times, &alignment, (other, &axes, &name))?;
+        if alignment.correlation < DOUBTFUL {
+            alignment.correlation = self.belongs(sensor, (other, &name), &alignment)?;
+        }
         if let Some(lag) = lag {
             let lag = f64::from(lag.taxels.max(lag.sensors));
             return Ok((alignment, (lag > 0.0).then_some(lag)));
@@ -71,6 +87,51 @@ impl Recording {
             self.read(&times, &alignment, (other, &axes, &name))?;
         }
         Ok((alignment, hidden))
+    }
+
+    /// Correlation without the rows that a fit leaves out, and without the reference's noise.
+    ///
+    /// # Errors
+    ///
+    /// So low a one that the reference does not show the recording's presses.
+    fn belongs(
+        &self,
+        sensor: Series<'_>,
+        (other, name): (Series<'_>, &str),
+        alignment: &Alignment,
+    ) -> Result<f64, FitError> {
+        let forces = self.samples.iter().map(|s| s.truth.force.iter().flatten().copied());
+        let rows = sensor.times.iter().zip(sensor.rows).zip(forces.map(Iterator::collect));
+        let (mut times, mut recorded) = (Vec::new(), (Vec::new(), Vec::new()));
+        for ((time, levels), forces) in
+            rows.filter(|(_, forces): &(_, Vec<f64>)| !forces.is_empty())
+        {
+            times.push(*time);
+            recorded.0.push(levels.clone());
+            recorded.1.push(forces);
+        }
+        let mut recorded = [recorded];
+        if let Ok(outliers) = Outliers::find(&recorded, std::slice::from_ref(&self.name), None) {
+            keep_sound(&mut times, &outliers.wrong[0]);
+            outliers.remove_from(&mut recorded);
+        }
+        let sound = Series { times: &times, rows: &recorded[0].0 };
+        let noise = self.reference_noise().into_iter().fold(0.0, f64::max);
+        let found = align::unexplained(sound, other, alignment).map_or(0.0, |[spread, left]| {
+            let left = (left * left - noise * noise).max(0.0);
+            (1.0 - left / (spread * spread)).max(0.0).sqrt()
+        });
+        if found >= LEAST_CORRELATION {
+            return Ok(found);
+        }
+        Err(FitError::Unaligned {
+            recording: name.to_owned(),
+            problem: format!(
+                "its correlation with {} is {found:.2} where a log of the same presses has {DOUBTFUL} or more",
+                self.name
+            ),
+            mend: "give each --data its own log, in the same order, and look for a load cell that came off".into(),
+        })
     }
 
     /// Reads the forces of a reference, of these axes and this name, at its times of the rows.

@@ -212,6 +212,17 @@ pub fn median_step(times: &[f64]) -> f64 {
     steps.get(steps.len() / 2).copied().unwrap_or_default()
 }
 
+/// Standard deviations of the reference, and of its part that the sensor's channels do not explain.
+///
+/// Both are of the reference's first principal component; `None` if it never changes.
+#[must_use]
+pub fn unexplained(sensor: Series<'_>, reference: Series<'_>, at: &Alignment) -> Option<[f64; 2]> {
+    let other = Trace::new(reference)?;
+    let spread = other.spread();
+    let found = refine_from(sensor, &other, at.offset, at.rate, 0);
+    Some([spread, spread * (1.0 - found.correlation.powi(2)).sqrt()])
+}
+
 fn refine(sensor: Series<'_>, other: &Trace<'_>, offset: f64, rate: f64) -> Alignment {
     refine_from(sensor, other, offset, rate, STEPS)
 }

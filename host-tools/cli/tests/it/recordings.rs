@@ -269,6 +269,28 @@ fn lag_behind_the_clock_of_a_load_cell_is_found() {
     assert!(off(&hidden) > 3e-3 && hidden["lag_s"].is_null(), "{hidden}");
 }
 
+/// The log of other presses is refused, and nothing is written.
+#[test]
+fn load_cell_log_of_other_presses_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    std::fs::write(folder.path().join("presses.toml"), crate::common::SHORT_PRESSES).unwrap();
+    for (seed, cell, codes) in [("3", "a.csv", "codes-a.csv"), ("4", "b.csv", "codes-b.csv")] {
+        let simulate = ["simulate", "--scene", "presses.toml", "--seed", seed];
+        taxel.succeeds(&[&simulate[..], &["--cell", cell, "--out", codes]].concat());
+    }
+    let fit = ["calibrate", "fit", "--data", "codes-a.csv", "--model", "ridge", "--out", "a.toml"];
+    let error = taxel.fails(1, &[&fit[..], &["--reference", "b.csv"]].concat());
+    assert!(
+        error.starts_with("taxel: b.csv: its correlation with codes-a.csv is 0.")
+            && error.contains("where a log of the same presses has 0.98 or more; give each --data"),
+        "{error}"
+    );
+    assert!(!folder.path().join("a.toml").exists());
+    let ran = taxel.taxel(&[&fit[..], &["--reference", "a.csv"]].concat());
+    assert!(ran.code == Some(0) && !ran.err.contains("correlation"), "{}", ran.err);
+}
+
 #[test]
 fn finger_keeps_its_fields_after_a_recording() {
     let folder = tempfile::tempdir().unwrap();

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use taxel::condition::LagCompensation;
 use taxel_calibrate::recording::Recording;
+use taxel_calibrate::reference::DOUBTFUL;
 use taxel_files::recording::Scans;
 use taxel_files::stretch::Stretch;
 use taxel_files::{table, trace};
@@ -116,6 +117,16 @@ pub fn traces(
         unknown.filter(|((_, own), _)| own.lag_s.is_none() && lag.is_some())
     {
         *own = aligned(recording, path, lag)?;
+    }
+    for (recording, aligned) in read.recordings.iter().zip(&read.alignments) {
+        let (of, found) = (aligned.reference.display(), aligned.correlation);
+        if found < DOUBTFUL {
+            output::note(format_args!(
+                "taxel: warning: {of}: its correlation with {} is {found:.3}, where a log of the same presses \
+                 usually has {DOUBTFUL} or more; look whether it is this recording's, and for a load cell that came off",
+                recording.name
+            ));
+        }
     }
     Ok(read)
 }
