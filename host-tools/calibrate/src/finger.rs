@@ -7,6 +7,7 @@
 
 mod bench;
 mod channels;
+mod choice;
 mod net;
 
 use std::collections::HashSet;
@@ -36,8 +37,6 @@ use taxel_regress::training::Chosen;
 
 /// Default friction coefficient of rubber.
 const USUAL_FRICTION: f32 = 0.6;
-/// Ratio of the net's error in f_z to the model's from which the model is kept for its f_z alone.
-const TWICE: f64 = 2.0;
 /// Largest common share of the light that is taken for a drift: 10 K of LEDs.
 const MOST_DRIFT: f32 = 0.05;
 /// Exponent of Hertz's pressure in the power law of [Ospina2017].
@@ -337,35 +336,12 @@ fn model_of_the_skin(
 fn keep_skin(fitted: &mut Fitted, skin: Skin) {
     let Some(taxels) = &fitted.calibration.taxels else { return };
     let Skin { model, rows, left_out, residual, place } = skin;
-    let of = |errors: &mut dyn Iterator<Item = f64>| errors.map(|e| e * e).sum::<f64>();
-    let components = fitted.calibration.net.as_ref().map_or(1, Net::outputs);
-    let from = 3 - components.min(3);
-    let nets = of(&mut taxels.residual.iter().take(components).map(|e| f64::from(*e)));
-    let worse = of(&mut residual.iter().skip(from).copied()) >= nets;
-    let all = |errors: &[f64]| {
-        let each: Vec<String> = errors.iter().map(|e| format!("{:.1}", 1e3 * e)).collect();
-        format!("{} mN", each.join(" "))
-    };
-    let own = taxels.residual.map(f64::from);
-    let pair =
-        [("model of the skin", all(&residual[from..])), ("net", all(&own[..components.min(3)]))];
-    let [(first, by), (second, with)] =
-        if worse { [&pair[1], &pair[0]] } else { [&pair[0], &pair[1]] };
-    fitted.choices.push(format!(
-        "force from the matrix: {first} ({by}) over {second} ({with}), on presses left out"
-    ));
-    if let Some([own, centroid]) = place {
-        let pair = [("model of the skin", own), ("centroid", centroid)];
-        let [(first, by), (second, with)] = if own > centroid { [pair[1], pair[0]] } else { pair };
-        fitted.choices.push(format!(
-            "contact point: {first} ({by:.3} mm) over {second} ({with:.3} mm), on presses left out"
-        ));
-    }
-    // A place below the pitch of the taxels is never dropped for the sake of the force, nor a normal
-    // force that is twice as good for the sake of the shear.
-    let misplaced = place.is_none_or(|[own, centroid]| own > centroid);
-    let firm = TWICE * residual[2] < own[components.min(3) - 1];
-    if worse && misplaced && !firm {
+    let components = fitted.calibration.net.as_ref().map_or(1, Net::outputs).min(3);
+    let net = taxels.residual[..components].iter().map(|e| f64::from(*e)).collect();
+    let from = 3 - components;
+    let judged = choice::Judged { skin: residual[from..].to_vec(), net, place };
+    fitted.choices.extend(judged.told());
+    if !judged.keeps_skin() {
         if place.is_some() {
             fitted.warnings.push(
                 "the model of the skin meets neither force nor contact point of presses left out better than net and \
@@ -384,7 +360,7 @@ fn keep_skin(fitted: &mut Fitted, skin: Skin) {
         condition: None,
         chosen: None,
         effective: None,
-        residual: residual[from..].to_vec(),
+        residual: judged.skin,
     });
 }
 
