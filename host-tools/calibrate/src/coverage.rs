@@ -26,6 +26,8 @@ const SHEARED: f64 = 0.05;
 pub struct Coverage {
     /// Largest F_z nearest to each taxel, newtons.
     pub normal_n: [[f64; COLS]; ROWS],
+    /// Whether some places are guessed from the codes, which draws them to the middle.
+    pub guessed: bool,
     /// Largest shear in each direction, newtons: +x, +x+y, +y, …
     pub shear_n: [f64; 8],
     /// Share of the loaded time in which F_z is held, changes slowly, changes fast.
@@ -65,7 +67,11 @@ impl Coverage {
             let ([fx, fy, Some(fz)], true) = (sample.truth.force, touched[i]) else { continue };
             let place = match sample.truth.point {
                 [Some(x), Some(y)] => Some([x, y]),
-                _ => signals.get(i).and_then(|s| s.taxels).map(|c| guessed(&c)),
+                _ => {
+                    let guess = signals.get(i).and_then(|s| s.taxels).map(|c| guessed(&c));
+                    self.guessed |= guess.is_some();
+                    guess
+                }
             };
             if let Some(place) = place {
                 let k = nearest(place);
@@ -94,7 +100,7 @@ impl Coverage {
             .filter(|k| self.normal_n[k / COLS][k % COLS] < COVERED * most)
             .map(|k| format!("r{}c{}", k / COLS, k % COLS))
             .collect();
-        if most > 0.0 && !bare.is_empty() {
+        if most > 0.0 && !self.guessed && !bare.is_empty() {
             next.push(format!("press {}, up to {most:.1} N", bare.join(", ")));
         }
         let shear = self.shear_n.iter().copied().fold(0.0, f64::max);
@@ -131,7 +137,12 @@ fn nearest(place: [f64; 2]) -> usize {
 impl Display for Coverage {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         if self.most() > 0.0 {
-            writeln!(f, "coverage: largest F_z nearest to each taxel, N (r0 to r3 down)")?;
+            let places = if self.guessed {
+                "; places estimated from the codes, drawn to the middle"
+            } else {
+                ""
+            };
+            writeln!(f, "coverage: largest F_z nearest to each taxel, N (r0 to r3 down{places})")?;
             for row in &self.normal_n {
                 let cells: Vec<String> = row.iter().map(|n| format!("{n:6.2}")).collect();
                 writeln!(f, "  {}", cells.join(" "))?;
@@ -148,6 +159,10 @@ impl Display for Coverage {
              (below {least} N/s, between, above {most} N/s)"
         )?;
         match &self.next[..] {
+            [] if self.guessed => write!(
+                f,
+                "\nrecord next: nothing else, if the presses were all over the pad, edges included"
+            ),
             [] => write!(f, "\nrecord next: nothing; the loads are covered"),
             next => next.iter().try_for_each(|next| write!(f, "\nrecord next: {next}")),
         }
@@ -157,6 +172,8 @@ impl Display for Coverage {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use taxel::scan::TaxelCodes;
+    use taxel::units::Code;
     use taxel_files::trace::Truth;
 
     use crate::recording::bare_sample;
@@ -196,6 +213,23 @@ mod tests {
         assert_eq!(next, "push towards +x+y, +y, -x+y, -x, -x-y, -y, +x-y, up to 0.5 N");
         assert!(found.to_string().contains("towards, N: +x 0.50, +x+y 0.00"), "{found}");
         assert!(found.changes[0] > 0.5 && found.changes[2] > 0.05, "{:?}", found.changes);
+    }
+
+    /// The codes of unpressed taxels, whose middle is the middle of the pad.
+    #[test]
+    fn guessed_places_give_no_advice_on_taxels() {
+        let mut recording = presses(&[[3.0; 2]; 16], [0.0; 2]);
+        for sample in &mut recording.samples {
+            sample.truth.point = [None; 2];
+            let taxels =
+                TaxelCodes { lit: [[Code(20_000); COLS]; ROWS], dark: [Code(3_000); COLS] };
+            sample.scan.codes.taxels = Some(taxels);
+        }
+        let found = Coverage::of(&[recording]).unwrap();
+        assert!(found.guessed && found.most() == 1.0, "{found:?}");
+        assert!(!found.next.iter().any(|next| next.starts_with("press r")), "{:?}", found.next);
+        assert!(found.to_string().contains("estimated from the codes, drawn to the middle"));
+        assert!(!Coverage::of(&[presses(&[[3.0; 2]; 16], [0.0; 2])]).unwrap().guessed);
     }
 
     #[test]
