@@ -17,6 +17,8 @@ pub struct Table {
     pub path: PathBuf,
     /// Names of the columns, in the requested order.
     pub names: Vec<String>,
+    /// Names of the columns that were not requested, without those of the time.
+    pub others: Vec<String>,
     /// Rows of numbers, one for each column.
     pub rows: Vec<Vec<f64>>,
     /// Time of each row in seconds; empty where the file has no time column.
@@ -75,6 +77,10 @@ pub fn read_from(
     let mut table = Table {
         path: path.to_owned(),
         names: columns.iter().map(|at| names[*at].to_owned()).collect(),
+        others: (0..names.len())
+            .filter(|at| !columns.contains(at) && !is_time(&names[*at]))
+            .map(|at| names[at].to_owned())
+            .collect(),
         rows: Vec::new(),
         times: Vec::new(),
     };
@@ -195,6 +201,8 @@ mod tests {
         let text = "t_s,m0,force_n,m1\n0,1,2,3\n1,4,5,6\n2,7,8,9\n";
         let table = read_text(text, "a.csv@1..2", &["m*", "force_n"]).unwrap();
         assert_eq!(table.names, ["m0", "m1", "force_n"]);
+        assert!(table.others.is_empty());
+        assert_eq!(read_text(text, "a.csv", &["m1"]).unwrap().others, ["m0", "force_n"]);
         assert_eq!(table.rows, [[4.0, 6.0, 5.0]]);
         assert_eq!(table.times, [1.0]);
     }

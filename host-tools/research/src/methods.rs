@@ -195,8 +195,13 @@ impl Rows {
         let times: Vec<f64> = times.into_iter().step_by(every).collect();
         let names = (0..TAXELS).map(|k| format!("c_r{}c{}", k / COLS, k % COLS)).collect();
         let targets = ["fx_n", "fy_n", "fz_n"].map(str::to_owned).to_vec();
-        let table =
-            |names, rows, times| Table { path: PathBuf::from("calibration"), names, rows, times };
+        let table = |names, rows, times| Table {
+            path: PathBuf::from("calibration"),
+            names,
+            others: Vec::new(),
+            rows,
+            times,
+        };
         Self {
             table: TableRecording {
                 inputs: table(names, thin(x), times.clone()),

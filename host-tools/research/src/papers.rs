@@ -176,6 +176,7 @@ fn rows<const N: usize, const M: usize>(
     let table = |letter: char, rows: Vec<Vec<f64>>, count: usize| Table {
         path: PathBuf::from("calibration"),
         names: (0..count).map(|k| format!("{letter}{k}")).collect(),
+        others: Vec::new(),
         rows,
         times: times.clone(),
     };

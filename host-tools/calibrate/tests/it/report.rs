@@ -129,6 +129,7 @@ fn table(phase: f64, spoil: fn(&mut [f64], &mut [f64])) -> TableRecording {
     let part = |names: [&str; 3], rows| Table {
         path: format!("{phase}.csv").into(),
         names: names.map(str::to_owned).to_vec(),
+        others: Vec::new(),
         rows,
         times: (0..1500).map(|i| 0.1 * f64::from(i)).collect(),
     };

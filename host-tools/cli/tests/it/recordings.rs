@@ -269,7 +269,7 @@ fn lag_behind_the_clock_of_a_load_cell_is_found() {
     assert!(off(&hidden) > 3e-3 && hidden["lag_s"].is_null(), "{hidden}");
 }
 
-/// The log of other presses is refused, and nothing is written.
+/// A log of other presses is refused; of the right one, columns that nothing reads are named.
 #[test]
 fn load_cell_log_of_other_presses_is_refused() {
     let folder = tempfile::tempdir().unwrap();
@@ -287,8 +287,20 @@ fn load_cell_log_of_other_presses_is_refused() {
         "{error}"
     );
     assert!(!folder.path().join("a.toml").exists());
+    // Moments and unknown columns are named.
+    let log = std::fs::read_to_string(folder.path().join("a.csv")).unwrap();
+    let wider = |(i, line): (usize, &str)| {
+        let more = if i == 0 { "mx_nmm,my_nmm,status" } else { "0,0,0" };
+        format!("{line},{more}\n")
+    };
+    let wider = log.lines().enumerate().map(wider).collect::<String>();
+    std::fs::write(folder.path().join("a.csv"), wider).unwrap();
     let ran = taxel.taxel(&[&fit[..], &["--reference", "a.csv"]].concat());
     assert!(ran.code == Some(0) && !ran.err.contains("correlation"), "{}", ran.err);
+    for unused in ["mx_nmm, my_nmm  ", "status  "] {
+        let line = ran.out.lines().find(|line| line.starts_with(unused)).unwrap();
+        assert!(line.contains("  not used: "), "{}", ran.out);
+    }
 }
 
 #[test]

@@ -42,6 +42,9 @@ pub struct Aligned {
     /// Lag of the finger behind its reference; `None` if none was found.
     #[serde(skip_serializing_if = "Option::is_none")]
     lag_s: Option<f64>,
+    /// Columns of the reference that nothing reads.
+    #[serde(skip)]
+    pub unused: Vec<String>,
     /// Whether the reference is of a finger, not of a table.
     #[serde(skip)]
     finger: bool,
@@ -58,6 +61,7 @@ impl Aligned {
             residual_s: residual,
             correlation,
             lag_s: None,
+            unused: Vec::new(),
             finger: false,
         }
     }
@@ -139,7 +143,8 @@ fn aligned(
 ) -> anyhow::Result<Aligned> {
     let reference = table::read(&Stretch::whole(path), &["f*_n"])?;
     let (found, late) = recording.align(&reference, lag)?;
-    Ok(Aligned { lag_s: late, finger: true, ..Aligned::new(path, found) })
+    let unused = reference.others;
+    Ok(Aligned { lag_s: late, unused, finger: true, ..Aligned::new(path, found) })
 }
 
 /// Reads CSV files of any sensor, with references as in [`traces`].

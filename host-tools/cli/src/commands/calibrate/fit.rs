@@ -112,6 +112,9 @@ impl From<NetForm> for Form {
     }
 }
 
+/// Columns of a six-axis load cell besides the forces.
+const MOMENTS: [&str; 3] = ["mx_nmm", "my_nmm", "mz_nmm"];
+
 const EXAMPLES: &str = "\
 Examples:
   taxel calibrate fit --data presses.csv --data shear.csv@0..30 --out finger.toml
@@ -179,6 +182,26 @@ impl From<Channel> for Used {
     fn from(Channel { columns, used, why }: Channel) -> Self {
         Self { columns, used, why }
     }
+}
+
+/// Columns of the references that no fit reads: moments, and all others.
+fn unused(alignments: &[Aligned]) -> impl Iterator<Item = Used> {
+    let mut names: Vec<&str> = Vec::new();
+    for name in alignments.iter().flat_map(|aligned| &aligned.unused) {
+        if !names.contains(&name.as_str()) {
+            names.push(name);
+        }
+    }
+    let (moments, others): (Vec<&str>, Vec<&str>) =
+        names.into_iter().partition(|name| MOMENTS.contains(name));
+    let used = |columns: Vec<&str>, why: &str| {
+        let columns = columns.join(", ");
+        (!columns.is_empty()).then(|| Used { columns, used: Vec::new(), why: why.to_owned() })
+    };
+    let moments =
+        used(moments, "no moments are read; give contact points as x_mm, y_mm in the recording");
+    let others = used(others, "of a --reference log, fx_n, fy_n, fz_n and the time are read");
+    moments.into_iter().chain(others)
 }
 
 /// Part of a calibration that was fitted.
@@ -364,7 +387,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 /// Writes a finger's calibration.
 fn finish(args: &Args, fitted: Fitted, alignments: Vec<Aligned>) -> anyhow::Result<Outcome> {
     calibration::write(&args.out, &fitted.calibration)?;
-    let channels = fitted.channels.into_iter().map(Used::from).collect();
+    let mut channels: Vec<Used> = fitted.channels.into_iter().map(Used::from).collect();
+    channels.extend(unused(&alignments));
     let outcome = Outcome::new(args, fitted.parts, alignments, fitted.warnings);
     Ok(Outcome { channels, choices: fitted.choices, ..outcome })
 }
