@@ -164,8 +164,8 @@ pub struct TaxelCalibration {
     pub bias: TaxelBias,
     /// Signal range of each taxel in training.
     pub range: [Range; TAXELS],
-    /// RMS error of the fit in newtons, per force component of the net. A net with f_z alone uses
-    /// the first.
+    /// RMS error in newtons, per force component of the net: on rows left out of the fit, of a net
+    /// alone that of the fit. A net with f_z alone uses the first.
     pub residual: [f32; 3],
 }
 

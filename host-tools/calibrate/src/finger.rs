@@ -103,8 +103,10 @@ pub struct Part {
     pub chosen: Option<Chosen>,
     /// Number of a net's parameters that the data determine.
     pub effective: Option<f64>,
-    /// RMS error of the fit for each reference component, newtons.
+    /// RMS error for each reference component, newtons.
     pub residual: Vec<f64>,
+    /// Whether that is the error on rows left out of the fit; otherwise that of the fit.
+    pub held_out: bool,
 }
 
 /// Fits every part that the recordings determine. When `stop` becomes true the best so far is
@@ -243,7 +245,7 @@ pub fn fit_keeping(
         }
     }
     if options.form == Form::Q15 {
-        quantised(&mut fitted, &fingers)?;
+        quantised(&mut fitted, &fingers, options.net_only)?;
     }
     let read = recordings.iter().map(|prepared| &*prepared.recording);
     fitted.warnings.extend(shear::of_finger(&fitted.calibration, read));
@@ -335,7 +337,7 @@ fn model_of_the_skin(
 /// Keeps the skin model in the record if it is better than the net.
 fn keep_skin(fitted: &mut Fitted, skin: Skin) {
     let Some(taxels) = &fitted.calibration.taxels else { return };
-    let Skin { model, rows, left_out, residual, place } = skin;
+    let Skin { model, rows, left_out, residual, place, held_out } = skin;
     let components = fitted.calibration.net.as_ref().map_or(1, Net::outputs).min(3);
     let net = taxels.residual[..components].iter().map(|e| f64::from(*e)).collect();
     let from = 3 - components;
@@ -361,6 +363,7 @@ fn keep_skin(fitted: &mut Fitted, skin: Skin) {
         chosen: None,
         effective: None,
         residual: judged.skin,
+        held_out,
     });
 }
 
@@ -415,6 +418,7 @@ fn fit_array(
         chosen: None,
         effective: None,
         residual: array.array.residual.iter().map(|r| f64::from(*r)).collect(),
+        held_out: true,
     });
     for (sensor, of_total) in fitted.calibration.sensors.iter_mut().zip(array.sensors) {
         *sensor = sensor.take().or(of_total);
@@ -425,7 +429,11 @@ fn fit_array(
 }
 
 /// Replaces the net by its 16-bit form and its residual by that of the 16-bit form.
-fn quantised(fitted: &mut Fitted, recordings: &[&Prepared<'_>]) -> Result<(), FitError> {
+fn quantised(
+    fitted: &mut Fitted,
+    recordings: &[&Prepared<'_>],
+    net_only: bool,
+) -> Result<(), FitError> {
     let Some(taxels) = &mut fitted.calibration.taxels else { return Ok(()) };
     let Some(float) = fitted.calibration.net.as_ref().and_then(Net::float) else { return Ok(()) };
     let (net, rows) = quantise::net(float, taxels, recordings)?;
@@ -438,6 +446,7 @@ fn quantised(fitted: &mut Fitted, recordings: &[&Prepared<'_>]) -> Result<(), Fi
         chosen: None,
         effective: None,
         residual: taxels.residual.iter().take(outputs).map(|r| f64::from(*r)).collect(),
+        held_out: !net_only,
     });
     fitted.calibration.net = Some(Net::Quantised(net));
     Ok(())

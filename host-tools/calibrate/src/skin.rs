@@ -43,6 +43,8 @@ pub(crate) struct Skin {
     /// RMS distance from the labelled place on presses left out, of the model and of the centroid,
     /// mm; `None` without labels.
     pub place: Option<[f64; 2]>,
+    /// Whether presses were left out; with too few of them the errors are those of the fit.
+    pub held_out: bool,
 }
 
 /// Fits the model to the recordings with forces, without their wrong rows.
@@ -81,6 +83,7 @@ pub(crate) fn fit(
         [(shear, fx), (shear, fy), (placed, whole.place_noise), (placed, whole.place_noise)];
     let labels = labels.map(|(known, noise)| known.then_some(noise));
     let mut judged = judge(&model, &presses, labels);
+    let mut held_out = false;
     if presses.len() >= LEAST_PRESSES {
         let halves = [0, 1].map(|half| {
             let (own, other): (Vec<_>, Vec<_>) =
@@ -107,11 +110,12 @@ pub(crate) fn fit(
                 model.error = [floor * wider, (share * wider).min(0.99)];
             }
             judged = over(&halves, |half| &half.2);
+            held_out = true;
         }
     }
     let residual = judged.force();
     let place = placed.then(|| judged.place());
-    Ok(Some(Skin { model, rows, left_out: left_out.iter().sum(), residual, place }))
+    Ok(Some(Skin { model, rows, left_out: left_out.iter().sum(), residual, place, held_out }))
 }
 
 /// Largest ratio of shear to normal force under a firm load.

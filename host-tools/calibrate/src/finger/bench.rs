@@ -117,6 +117,7 @@ pub(super) fn fit(
         chosen: None,
         effective: None,
         residual: fit.rms.to_vec(),
+        held_out: false,
     });
     Ok(())
 }

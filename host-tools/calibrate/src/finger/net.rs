@@ -234,6 +234,7 @@ pub(super) fn fit(
         chosen,
         effective: Some(net.effective),
         residual: residual.clone(),
+        held_out: false,
     });
     fitted.calibration.taxels = Some(TaxelCalibration {
         bias,

@@ -103,7 +103,7 @@ fn overview(page: &mut String, trials: &[Trial]) {
 }
 
 fn parts(page: &mut String, report: &Report) {
-    *page += "<h2>The record</h2><table><tr><th>part<th class=text>model<th>RMS error of the fit\
+    *page += "<h2>The record</h2><table><tr><th>part<th class=text>model<th>RMS error\
               <th>noise of a channel / ppm<th>condition of S<th>condition of the data</tr>";
     for part in &report.about.parts {
         let residual: Vec<String> =
@@ -119,7 +119,8 @@ fn parts(page: &mut String, report: &Report) {
             optional(part.condition_of_data, 0)
         );
     }
-    *page += "</table>";
+    *page += "</table><p>RMS error as the record states it. For a finger's net and array it is that on rows \
+              left out of the fit; for a net alone, one sensor with its own reference and a table that of the fit.</p>";
 }
 
 fn section(page: &mut String, trial: &Trial) {

@@ -54,7 +54,9 @@ pub struct Part {
     pub name: String,
     /// Estimator of the part.
     pub model: String,
-    /// RMS error of the fit, in the units below; empty if the record has none.
+    /// RMS error that the record states, in the units below; empty if it has none.
+    ///
+    /// Of a finger's net and array it is that on rows left out of the fit.
     pub residual: Vec<f64>,
     /// Units of the estimated quantities.
     pub units: Vec<&'static str>,

@@ -372,6 +372,7 @@ fn report_is_one_page_with_plots_and_warnings() {
         "{}",
         page.len()
     );
+    assert!(page.contains("RMS error as the record states it"));
     assert!(!page.contains("src=") && !page.contains("NaN") && !page.contains("inf "));
     assert!(page.len() < 3_000_000, "{}", page.len());
 

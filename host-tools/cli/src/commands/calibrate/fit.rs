@@ -215,6 +215,7 @@ struct Fit {
     rows: usize,
     left_out: usize,
     residual: Vec<f64>,
+    held_out: bool,
     #[serde(skip_serializing_if = "Option::is_none")]
     condition: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -297,6 +298,7 @@ impl Fit {
             rows: part.rows,
             left_out: part.left_out,
             residual: part.residual,
+            held_out: part.held_out,
             condition: part.condition,
             chosen: part.chosen.map(Chosen::from),
         }
@@ -463,6 +465,7 @@ fn fit_table(
         chosen: fitted.chosen,
         effective: Some(fitted.effective),
         residual: fitted.model.residual.iter().map(|r| f64::from(*r)).collect(),
+        held_out: false,
     };
     Ok(Outcome::new(args, vec![part], alignments, fitted.warnings))
 }
@@ -488,10 +491,8 @@ fn report(outcome: Outcome, json: bool, unseen: bool) -> anyhow::Result<()> {
         let (residual, rows) = (fit.format_errors(&fit.residual), fit.rows);
         let condition =
             fit.condition.map_or_else(String::new, |c| format!("; condition number {c:.1}"));
-        output::line(format!(
-            "{}: {rows} rows, RMS error of the fit {residual}{condition}",
-            fit.part
-        ))?;
+        let of = if fit.held_out { "on rows left out" } else { "of the fit" };
+        output::line(format!("{}: {rows} rows, RMS error {of} {residual}{condition}", fit.part))?;
         if let Some(chosen) = &fit.chosen {
             output::line(chosen.describe(|errors| fit.format_errors(errors)))?;
         }
