@@ -62,8 +62,8 @@ pub struct FitOptions {
     ///
     /// The record then lacks the skin model and the sensors' array.
     pub net_only: bool,
-    /// Standard deviation of the reference's forces in newtons; found where nothing is touched by
-    /// default.
+    /// Standard deviation of the reference's forces in newtons, at least that where nothing is
+    /// touched; by default that.
     pub reference_noise: Option<f64>,
     /// Number format of the net in the record.
     pub form: Form,
@@ -226,7 +226,8 @@ pub fn fit_keeping(
         let skin = if options.net_only && options.family != Family::Auto {
             None
         } else {
-            model_of_the_skin(&fingers, &loads.wrong, options, progress, stop)?
+            let noise = noise_of_reference(&mut fitted, &fingers, options.reference_noise);
+            model_of_the_skin(&fingers, (&loads.wrong, noise), progress, stop)?
         };
         // Beside the model of the skin or the array the usual net suffices.
         let better = fitted.calibration.array.is_some() || skin.is_some();
@@ -303,10 +304,27 @@ fn warn_of_stuck(fitted: &mut Fitted, prepared: &Prepared<'_>, columns: &[String
     }
 }
 
-/// Largest noise of the reference in any recording, of each component.
-fn reference_noise(recordings: &[&Prepared<'_>]) -> [f64; 3] {
+/// Noise of each component of the reference: the largest at rest in any recording, or that given.
+///
+/// A given one below that at rest is not taken: it would ruin the model of the skin.
+fn noise_of_reference(
+    fitted: &mut Fitted,
+    recordings: &[&Prepared<'_>],
+    given: Option<f64>,
+) -> [f64; 3] {
     let each = recordings.iter().map(|r| r.recording.reference_noise());
-    each.fold([0.0; 3], |most, noise| std::array::from_fn(|k| most[k].max(noise[k])))
+    let found = each.fold([0.0; 3], |most: [f64; 3], n| std::array::from_fn(|k| most[k].max(n[k])));
+    let [least, most] = [f64::min, f64::max].map(|of| found.into_iter().fold(found[0], of));
+    let Some(given) = given else { return found };
+    if given < 0.5 * least {
+        fitted.warnings.push(format!(
+            "the reference's noise was given as {:.1} mN and is up to {:.1} mN where nothing is touched, which was \
+             taken; leave --reference-noise out",
+            1e3 * given,
+            1e3 * most
+        ));
+    }
+    found.map(|found| found.max(given))
 }
 
 /// Returns all three components, if all are known.
@@ -318,16 +336,14 @@ fn known(force: [Option<f64>; 3]) -> Option<[f64; 3]> {
 /// Fits the skin model, if the recordings contain forces.
 fn model_of_the_skin(
     recordings: &[&Prepared<'_>],
-    wrong: &[HashSet<usize>],
-    options: &FitOptions,
+    (wrong, force_noise): (&[HashSet<usize>], [f64; 3]),
     progress: &mut dyn FnMut(Progress),
     stop: &AtomicBool,
 ) -> Result<Option<Skin>, FitError> {
     let Some(bias) = recordings.first().and_then(|first| first.bias.taxels) else {
         return Ok(None);
     };
-    let noise = options.reference_noise.map_or_else(|| reference_noise(recordings), |n| [n; 3]);
-    match skin::fit(recordings, (wrong, bias.noise), noise, progress, stop) {
+    match skin::fit(recordings, (wrong, bias.noise), force_noise, progress, stop) {
         // With too few rows or too little time for a skin model, keep the net alone.
         Err(FitError::TooFewRows { .. } | FitError::Stopped) => Ok(None),
         skin => skin,

@@ -91,6 +91,23 @@ fn total_force_alone_finds_where_the_matrix_is_touched() {
 }
 
 #[test]
+fn reference_noise_below_that_at_rest_is_not_taken() {
+    let known = by_load_cell();
+    let net = NetOptions { seed: 0, starts: 1, steps: 3 };
+    let given = FitOptions { net, hidden: Some(1), ..FitOptions::default() };
+    let given = FitOptions { reference_noise: Some(0.0), ..given };
+    let (found, none) = (
+        fitted(&known),
+        fit(std::slice::from_ref(&known), &given, &mut |_| {}, &AtomicBool::new(false)).unwrap(),
+    );
+    assert_eq!(none.calibration.model, found.calibration.model);
+    let told = |fit: &Fitted| fit.warnings.iter().any(|w| w.contains("--reference-noise out"));
+    assert!(told(&none) && !told(&found), "{:?}", none.warnings);
+    let skin = none.parts.iter().find(|part| part.name == "model of the skin").unwrap();
+    assert!(skin.held_out, "{skin:?}");
+}
+
+#[test]
 fn contact_points_add_moments_of_the_array() {
     let unseen = recording(2, |truth| truth);
     let known =

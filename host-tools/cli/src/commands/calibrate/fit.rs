@@ -70,7 +70,8 @@ pub struct Args {
     /// ([Ohka2004]), gap (signal to displacement).
     #[arg(long, value_name = "NAME", default_value_t = Family::Auto)]
     model: Family,
-    /// Standard deviation of the reference's forces [default: found where nothing is touched].
+    /// Standard deviation of the reference's forces, at least that where nothing is touched
+    /// [default: that].
     #[arg(long, value_name = "NEWTONS", value_parser = noise, conflicts_with = "inputs")]
     reference_noise: Option<f64>,
     /// Hidden tanh units [default: the best on recordings left out, if there are three or more;
