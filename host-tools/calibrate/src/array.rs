@@ -29,6 +29,10 @@ const BETTER: f64 = 0.7;
 const LEAST_RESIDUAL: f64 = 1e-4;
 /// Residual of moments that no recording showed, N·mm: no force gives a contact point then.
 pub(crate) const NO_MOMENT: f32 = 999.0;
+/// Largest angle between the shear axes of reference and force sensors, degrees.
+///
+/// Good recordings have up to 7, exchanged axes 90.
+const MOST_TURNED: f64 = 30.0;
 /// Least share of the noise-free error in an error on noisy references.
 ///
 /// Whatever their noise, an estimate is not stated to be better than a fifth of what was seen.
@@ -43,6 +47,8 @@ pub(crate) struct Fitted {
     pub rows: usize,
     /// Name of the method.
     pub name: String,
+    /// Warning about the axes of the reference, in a full sentence.
+    pub turned: Option<String>,
 }
 
 /// Signals and known load of one row.
@@ -79,8 +85,10 @@ pub(crate) fn fit(
         rows.iter().flatten().fold(0.0, |most: f64, row| most.max(row.force[axis].abs()))
     };
     let most = (0..3).map(peak).fold(0.0, f64::max);
+    let loaded = |axis: usize| peak(axis) >= NO_SHEAR * most;
+    let turned = if loaded(0) && loaded(1) { turned(&matrix) } else { None };
     for (axis, residual) in residual.iter_mut().enumerate().take(3) {
-        if peak(axis) < NO_SHEAR * most {
+        if !loaded(axis) {
             *residual = most;
         }
     }
@@ -120,7 +128,25 @@ pub(crate) fn fit(
             residual: array.residual,
         })
     });
-    Some(Fitted { array, sensors, rows: count, name })
+    Some(Fitted { array, sensors, rows: count, name, turned })
+}
+
+/// Warns of a reference whose shear axes are not those of the force sensors.
+///
+/// A matrix explains exchanged or turned axes as well as the right ones; the model of the skin does
+/// not.
+fn turned(matrix: &WrenchMatrix) -> Option<String> {
+    let sum = |force: usize, signal: usize| -> f64 {
+        matrix.0[force].iter().map(|weights| f64::from(weights[signal])).sum()
+    };
+    let x = sum(0, 1).atan2(sum(0, 0)).to_degrees();
+    let y = (-sum(1, 0)).atan2(sum(1, 1)).to_degrees();
+    (x.abs().max(y.abs()) > MOST_TURNED).then(|| {
+        format!(
+            "array of sensors: fx_n and fy_n of the reference stand at {x:.0}° and {y:.0}° to the sensors' axes where \
+             0° is expected; look whether the load cell's x and y are exchanged, turned or reversed: x runs along a row"
+        )
+    })
 }
 
 /// Loaded rows with a known total force and sound bridges.
@@ -230,4 +256,28 @@ pub fn matrix(
     }
     let fitted = least_squares(&known, live).filter(|(_, residual)| residual.len() == 6);
     Ok(fitted.map(|(matrix, _)| matrix))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn turned_reference_is_told_and_small_angle_is_not() {
+        let of = |[xx, xy, yx, yy]: [f32; 4]| {
+            let mut matrix = WrenchMatrix::default();
+            matrix.0[0] = [[xx, xy, 0.0]; SENSORS];
+            matrix.0[1] = [[yx, yy, 0.0]; SENSORS];
+            turned(&matrix)
+        };
+        assert_eq!(of([20.0, 1.0, -1.0, 18.0]), None);
+        for (name, axes) in [
+            ("90° and -90°", [0.0, 20.0, 20.0, 0.0]),
+            ("90° and 90°", [0.0, 20.0, -20.0, 0.0]),
+            ("180° and 0°", [-20.0, 0.0, 0.0, 20.0]),
+        ] {
+            let told = of(axes).unwrap().replace("-0°", "0°");
+            assert!(told.contains(name), "{told}");
+        }
+    }
 }

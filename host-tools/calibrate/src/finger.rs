@@ -426,6 +426,7 @@ fn fit_array(
         });
         return reasons;
     };
+    fitted.warnings.extend(array.turned);
     fitted.parts.push(Part {
         name: array.name,
         rows: array.rows,

@@ -61,6 +61,7 @@ fn channel<'f>(fitted: &'f Fitted, columns: &str) -> &'f Channel {
 fn total_force_alone_calibrates_four_sensors() {
     let unseen = recording(2, |truth| truth);
     let fitted = fitted(&by_load_cell());
+    assert!(!fitted.warnings.iter().any(|warning| warning.contains("axes")));
     for (target, error) in errors(&fitted, &unseen) {
         // Scans before the gate opens have a force, and no estimate of it.
         let most = if target == "fz_n" { 0.007 } else { 0.002 };
@@ -105,6 +106,17 @@ fn reference_noise_below_that_at_rest_is_not_taken() {
     assert!(told(&none) && !told(&found), "{:?}", none.warnings);
     let skin = none.parts.iter().find(|part| part.name == "model of the skin").unwrap();
     assert!(skin.held_out, "{skin:?}");
+}
+
+#[test]
+fn exchanged_axes_of_load_cell_are_warned_of() {
+    let mut known = by_load_cell();
+    known.samples.iter_mut().for_each(|sample| sample.truth.force.swap(0, 1));
+    let warnings = fitted(&known).warnings;
+    assert!(
+        warnings.iter().any(|warning| warning.contains("to the sensors' axes")),
+        "{warnings:?}"
+    );
 }
 
 #[test]
