@@ -33,10 +33,10 @@ const _: () = assert!(
 
 /// Fits a calibration to recordings.
 ///
-/// A taxel trace is recognised by its header. The recordings decide what is fitted. If the load is
-/// on one MEMS sensor alone: its matrix S and offset b by least squares. Otherwise: the net from
-/// the 16 taxels to the force by Levenberg–Marquardt. Any other CSV is fitted with --inputs and
-/// --targets. Ctrl-C keeps the best net so far.
+/// The recordings decide what is fitted. Codes and the force on the finger give the net from the
+/// 16 taxels to the force, a model of the skin, which gives the contact point as well, and the
+/// matrix of the force sensors as one array. A load on one force sensor alone gives its matrix S
+/// and offset b. Any other CSV is fitted with --inputs and --targets. Ctrl-C keeps the best so far.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -118,6 +118,7 @@ const MOMENTS: [&str; 3] = ["mx_nmm", "my_nmm", "mz_nmm"];
 
 const EXAMPLES: &str = "\
 Examples:
+  taxel calibrate fit --data presses.csv --reference cell.csv --out finger.toml
   taxel calibrate fit --data presses.csv --data shear.csv@0..30 --out finger.toml
   taxel calibrate fit --data bench.csv@0..6 --out s0.toml
   taxel calibrate fit --data press.csv --inputs 'm*' --targets force_n --model auto --out skin.toml";
