@@ -36,10 +36,11 @@ ENTITIES = 1 + 6 + 8
 
 
 def has_wrench(frame: Any) -> bool:
-    """Returns whether force and place are known, or the force is zero."""
+    """Returns whether force, place and torsion are known, or the force is zero."""
     known = all(value.withheld == 0 for value in frame.force)
     zero = all(value.value == 0 for value in frame.force)
-    return known and (zero or all(value.withheld == 0 for value in frame.point))
+    rest = (*frame.point, *frame.torsion)
+    return known and (zero or all(value.withheld == 0 for value in rest))
 
 
 def torque_in_tilted_frame(wrench: Wrench) -> np.ndarray[Any, Any]:

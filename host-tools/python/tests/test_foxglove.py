@@ -139,8 +139,11 @@ def test_fingers_are_topics_and_used_address_is_an_error(command: str):
 
 def test_scene_draws_pad_taxels_and_force(command: str, tmp_path: Path):
     trace, expected = replayed(command, "presses", tmp_path)
-    more = ["--calibration", str(CALIBRATION), "--fields", "all"]
-    with bridge(command, [f"file:{trace}"], *more) as (_, url), open_viewer(url) as viewer:
+    # The bridge asks for the signals itself.
+    with (
+        bridge(command, [f"file:{trace}"], "--calibration", str(CALIBRATION)) as (_, url),
+        open_viewer(url) as viewer,
+    ):
         offered = channels(viewer, {"/taxel/trace", "/taxel/trace/scene"})
         channel, frames = offered["/taxel/trace/scene"], offered["/taxel/trace"]
         assert (channel["encoding"], channel["schemaName"]) == ("protobuf", "foxglove.SceneUpdate")

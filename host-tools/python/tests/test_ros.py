@@ -3,6 +3,8 @@
 Decoded by another project's CDR decoder, with the definitions of ROS 2 Jazzy.
 """
 
+import json
+import signal
 import subprocess
 from collections import Counter
 from contextlib import ExitStack
@@ -130,8 +132,13 @@ def test_point_marker_and_transform_show_the_contact(command: str, network: Netw
         assert transform.transform.rotation.w == 1.0
 
 
-def test_wrench_in_a_tilted_tool_frame_is_true(command: str, network: Network, tmp_path: Path):
-    trace, _ = replayed(command, "tour", tmp_path)
+@pytest.mark.parametrize(
+    ("scene", "fields"), [("tour", ["--fields", "all"]), ("torsion", [])], ids=["all", "default"]
+)
+def test_wrench_in_a_tilted_tool_frame_is_true(
+    command: str, network: Network, tmp_path: Path, scene: str, fields: list[str]
+):
+    trace, _ = replayed(command, scene, tmp_path)
     for topic, kind in (
         ("taxel/frames", listen.FRAME),
         ("taxel/trace/wrench", listen.WRENCH),
@@ -140,7 +147,7 @@ def test_wrench_in_a_tilted_tool_frame_is_true(command: str, network: Network, t
         network.subscribe(topic, kind)
     origin, turns = np.array([5.0, -10.0, 20.0]), (40.0, -25.0, 110.0)
     pose = ",".join(map(str, (*origin, *turns)))
-    more = ["--calibration", str(CALIBRATION), "--fields", "all", "--tool", pose]
+    more = ["--calibration", str(CALIBRATION), *fields, "--tool", pose]
     with bridge(command, network, [f"file:{trace}"], *more) as process:
         process.communicate(timeout=60)
     truth = {int(row["t_us"]): row for row in rows(trace) if row["x_mm"]}
@@ -169,6 +176,20 @@ def test_wrench_in_a_tilted_tool_frame_is_true(command: str, network: Network, t
         expected = axes(*turns) @ axis
         assert rotated(tools[0].transform.rotation, axis) == pytest.approx(expected, abs=1e-9)
     assert vector(tools[0].transform.translation) == pytest.approx(1e-3 * origin)
+
+
+def test_wrench_is_withheld_when_torsion_is_not_streamed(command: str, network: Network):
+    network.subscribe("taxel/frames", listen.FRAME)
+    network.subscribe("taxel/torsion/wrench", listen.WRENCH)
+    with bridge(command, network, ["sim:torsion"], "--fields", "force,point", "--json") as process:
+        wait(lambda: len(network.samples("taxel/frames", listen.FRAME)) > 500)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    (report,) = json.loads(out)
+    assert report["withheld"] == report["frames"]
+    assert network.samples("taxel/torsion/wrench", listen.WRENCH) == []
+    (line,) = [line for line in err.splitlines() if "no wrench" in line]
+    assert line.endswith("the stream has the fields force,point; it needs force,point,torsion")
 
 
 def test_malformed_tool_is_a_usage_error(command: str):

@@ -98,7 +98,8 @@ pub struct Args {
     rate: Option<u16>,
     #[arg(long, value_name = "LIST", value_parser = fields::parse, help = format!(
         "Fields to publish, with commas between (codes are not published): {FIELD_NAMES} \
-         [default: as the finger is set]. The wrench needs force,point"
+         [default: as the finger is set, besides force,point,torsion for the wrench of --zenoh, \
+         and signals for the scene of --foxglove]"
     ))]
     fields: Option<Fields>,
     /// Calibration of a virtual finger [default: a built-in scene's own].

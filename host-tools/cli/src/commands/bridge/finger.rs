@@ -6,7 +6,7 @@ use std::sync::{Arc, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
-use taxel::frame::Status;
+use taxel::frame::{Fields, Status};
 use taxel::wire::message::Info;
 use taxel_client::{
     Client, Counts, Event, LinkError, Port, Problem, Received, ReconnectingClient, RoundTrips,
@@ -18,6 +18,8 @@ use crate::output;
 
 /// Destination of a finger's frames.
 pub trait Outlet: Send {
+    /// Returns the fields that its messages need.
+    fn needs(&self) -> Fields;
     /// Announces a connected finger, perhaps another than before, and returns its name.
     fn there(&mut self, port: &Port, info: &Info) -> anyhow::Result<String>;
     /// Announces the connected finger with other settings.
@@ -78,7 +80,7 @@ pub struct Report {
     pub frames: u64,
     /// Frames lost on the way to this program, or dropped by its full queue.
     pub lost: u64,
-    /// Frames without a wrench, because their force or contact point has no value.
+    /// Frames without a wrench, because their force, contact point or torsion has no value.
     pub withheld: u64,
 }
 
@@ -174,13 +176,24 @@ impl Finger {
     }
 
     /// Applies the options of the command, once: later connections restore what was set since.
+    /// Without --fields the finger's own and those that the outlets need are streamed.
     fn set(&self, client: &Client) -> Result<Info, LinkError> {
         let first = self.report.names.is_empty();
         if let Some(hz) = self.shared.rate.filter(|_| first) {
             client.set_rate(hz)?;
         }
-        if let Some(fields) = self.shared.fields.filter(|_| first) {
-            client.set_fields(fields)?;
+        if first {
+            let own = client.info()?.fields;
+            let needed = self.outlets.iter().fold(own, |fields, outlet| fields | outlet.needs());
+            match self.shared.fields {
+                Some(fields) => client.set_fields(fields)?,
+                None if needed == own => {}
+                None => match client.set_fields(needed) {
+                    // A recording without codes is played as it is.
+                    Err(error) if matches!(error.problem(), Some(Problem::Refusal { .. })) => {}
+                    set => set?,
+                },
+            }
         }
         // Earlier frames may have other fields than requested.
         while client.next(Duration::ZERO)?.is_some() {}

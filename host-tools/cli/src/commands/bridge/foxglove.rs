@@ -58,6 +58,11 @@ impl Topics {
 }
 
 impl Outlet for Topics {
+    /// The scene's taxels are coloured by their signals.
+    fn needs(&self) -> Fields {
+        Fields::SIGNALS
+    }
+
     fn there(&mut self, port: &Port, info: &Info) -> anyhow::Result<String> {
         self.connection += 1;
         self.changed(port, info)?;

@@ -14,7 +14,7 @@ use cdr_encoding::to_writer;
 use serde::Serialize;
 use taxel::condition::Signals;
 use taxel::estimate::Force;
-use taxel::frame::Frame;
+use taxel::frame::{Fields, Frame};
 use taxel::measured::{Measured, NoValue};
 use taxel::scan::SENSORS;
 use taxel::units::Newtons;
@@ -108,21 +108,36 @@ struct FrameMessage<'n> {
     bridges: Vec<Value>,
 }
 
+/// Fields that a frame needs for a [`wrench`].
+pub const WRENCH_FIELDS: Fields = Fields::FORCE.union(Fields::POINT).union(Fields::TORSION);
+
 /// Returns force in N and moment in N m about the middle of the skin's surface.
 ///
 /// The moment is r × F, with r from the middle to the contact point, and the torsion about the
-/// contact's normal (0 if it has no value). `None` if a component of the force has no value or is
-/// not streamed, or if a force that is not zero has no contact point.
+/// contact's normal (0 if the finger [measures none](no_torsion)). `None` if a component of the
+/// force has no value, if a force that is not zero has no contact point or no torsion, or if one of
+/// [`WRENCH_FIELDS`] is not streamed.
 pub fn wrench(frame: &Frame) -> Option<[[f64; 3]; 2]> {
     let Force { x: Ok(fx), y: Ok(fy), z: Ok(fz) } = frame.force? else { return None };
     let force @ [fx, fy, fz] = [fx, fy, fz].map(|newtons| f64::from(newtons.0));
+    let (point, torsion) = (frame.point?, frame.torsion?);
     if force == [0.0; 3] {
         return Some([force, [0.0; 3]]);
     }
-    let point = frame.point?.ok()?;
+    let point = point.ok()?;
     let [x, y] = [point.x, point.y].map(|mm| f64::from(mm.0) * 1e-3);
-    let torsion = frame.torsion.and_then(Result::ok).map_or(0.0, |t| f64::from(t.0) * 1e-3);
+    let torsion = match torsion {
+        Ok(torsion) => f64::from(torsion.0) * 1e-3,
+        Err(_) if no_torsion(frame) => 0.0,
+        Err(_) => return None,
+    };
     Some([force, [y * fz, -x * fz, x * fy - y * fx + torsion]])
+}
+
+/// Whether the finger measures no torsion, because it has no calibrated array of force sensors.
+pub fn no_torsion(frame: &Frame) -> bool {
+    use NoValue::{Absent, NotEstimated, Uncalibrated};
+    matches!(frame.torsion, Some(Err(Absent | NotEstimated | Uncalibrated)))
 }
 
 /// Encodes a [`wrench`] in the named frame.
@@ -203,4 +218,47 @@ fn cdr(message: &impl Serialize) -> Vec<u8> {
     let written = to_writer::<_, byteorder::LittleEndian, _>(&mut bytes, message);
     debug_assert!(written.is_ok());
     bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use taxel::estimate::ContactPoint;
+    use taxel::units::{Millimetres, NewtonMillimetres};
+
+    use super::*;
+
+    fn pressed(torsion: Option<Measured<NewtonMillimetres>>) -> Frame {
+        let newtons = |newtons| Ok(Newtons(newtons));
+        Frame {
+            force: Some(Force { x: newtons(0.5), y: newtons(0.0), z: newtons(2.0) }),
+            point: Some(Ok(ContactPoint { x: Millimetres(1.0), y: Millimetres(3.0) })),
+            torsion,
+            ..Frame::default()
+        }
+    }
+
+    fn moment(torsion: Option<Measured<NewtonMillimetres>>) -> Option<[i32; 3]> {
+        let [_, moment] = wrench(&pressed(torsion))?;
+        Some(moment.map(|metres| (metres * 1e6).round() as i32))
+    }
+
+    #[test]
+    fn wrench_has_the_torsion() {
+        assert_eq!(moment(Some(Ok(NewtonMillimetres(2.5)))), Some([6000, -2000, 1000]));
+    }
+
+    #[test]
+    fn wrench_is_withheld_when_torsion_is_missing() {
+        assert_eq!(moment(None), None);
+        for why in [NoValue::IllConditioned, NoValue::Saturated, NoValue::DeadChannel] {
+            assert_eq!(moment(Some(Err(why))), None, "{why:?}");
+        }
+    }
+
+    #[test]
+    fn finger_without_array_has_a_wrench() {
+        for why in [NoValue::Absent, NoValue::NotEstimated, NoValue::Uncalibrated] {
+            assert_eq!(moment(Some(Err(why))), Some([6000, -2000, -1500]), "{why:?}");
+        }
+    }
 }

@@ -182,7 +182,7 @@ fn parameters(client: &Client) -> Result<Vec<Described>, LinkError> {
         ),
         described(
             FIELDS,
-            "Fields that frames carry, with commas between; the wrench needs force,point",
+            "Fields that frames carry, with commas between; the wrench needs force,point,torsion",
             None,
             Value::Text(fields::list(info.fields)),
         ),

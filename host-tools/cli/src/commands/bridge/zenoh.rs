@@ -7,12 +7,14 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use serde_json::json;
+use taxel::frame::Fields;
 use taxel::wire::message::Info;
-use taxel_client::{Port, Received, Timestamps};
+use taxel_client::{Port, Received, Timestamps, fields};
 
 use super::finger::{Health, Outlet};
 use super::graph::{Context, Namespace, Qos, name};
 use super::peer::Peer;
+use super::ros;
 use super::services::Services;
 use super::tool::Tool;
 use crate::output;
@@ -61,6 +63,10 @@ impl Nodes {
 }
 
 impl Outlet for Nodes {
+    fn needs(&self) -> Fields {
+        ros::WRENCH_FIELDS
+    }
+
     /// Adds a node for a new serial number; selects the existing one otherwise.
     fn there(&mut self, port: &Port, info: &Info) -> anyhow::Result<String> {
         let name: Arc<str> = name(&info.identity.serial).into();
@@ -78,7 +84,19 @@ impl Outlet for Nodes {
             self.nodes.push(node);
         }
         self.services.connected(Arc::clone(&name));
+        self.changed(port, info)?;
         Ok(name.to_string())
+    }
+
+    fn changed(&mut self, port: &Port, info: &Info) -> anyhow::Result<()> {
+        if !info.fields.contains(ros::WRENCH_FIELDS) {
+            output::note(format_args!(
+                "{port}: no wrench: the stream has the fields {}; it needs {}",
+                fields::list(info.fields),
+                fields::list(ros::WRENCH_FIELDS)
+            ));
+        }
+        Ok(())
     }
 
     fn frame(&mut self, received: &Received, stamps: &Timestamps) -> anyhow::Result<()> {

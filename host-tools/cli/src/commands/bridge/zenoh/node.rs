@@ -18,6 +18,7 @@ use crate::commands::bridge::ros::services::Service;
 use crate::commands::bridge::ros::{self, Type};
 use crate::commands::bridge::services::{Services, Waiting};
 use crate::commands::bridge::tool::Tool;
+use crate::output;
 
 /// Entities of a node, itself included, numbered over the whole session.
 const ENTITIES: u32 = 16;
@@ -40,6 +41,8 @@ pub(super) struct Node {
     drawn: Duration,
     /// Whether the last marker was an arrow.
     arrow: bool,
+    /// Whether the user was told that the finger measures no torsion.
+    told: bool,
     _services: Vec<(Server, Token)>,
     _token: Token,
 }
@@ -110,6 +113,7 @@ impl Node {
             diagnostics,
             drawn: Duration::ZERO,
             arrow: false,
+            told: false,
             _services: services,
             _token: token,
         })
@@ -133,6 +137,12 @@ impl Node {
                 }
             };
             self.wrench.put(&stamped, now)?;
+            if ros::no_torsion(frame) && !std::mem::replace(&mut self.told, true) {
+                output::note(format_args!(
+                    "{name}: measures no torsion, because it has no calibrated array of force \
+                     sensors: its torque is r × F alone"
+                ));
+            }
         }
         let touched = Contact::of(frame);
         if let Some(touched) = &touched {
