@@ -122,6 +122,17 @@ pub fn record(calibration: &Calibration) -> anyhow::Result<Vec<u8>> {
     bytes.map(<[u8]>::to_vec).map_err(|error| anyhow::anyhow!("{error}"))
 }
 
+/// Parses a number whose range the finger knows.
+///
+/// A number that 16 bits cannot hold becomes the largest, which the finger refuses with its range.
+///
+/// # Errors
+/// The text is not a whole number.
+pub fn checked_by_finger(text: &str) -> Result<u16, String> {
+    let number: i64 = text.parse().map_err(|_| "expected a whole number".to_owned())?;
+    Ok(u16::try_from(number).unwrap_or(u16::MAX))
+}
+
 /// Parses the address for `--tcp`.
 ///
 /// # Errors

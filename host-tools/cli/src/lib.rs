@@ -222,8 +222,6 @@ mod tests {
     #[test]
     fn negative_number_is_refused_by_its_range() {
         for (words, range) in [
-            ("set --rate -5", "0..=65535"),
-            ("record --out a.csv --rate -1", "0..=65535"),
             ("bias take --scans -3", "2..=65535"),
             ("self-test --scans -1", "2..=4096"),
             ("calibrate fit --data a.csv --out a.toml --hidden -2", "1..=32"),

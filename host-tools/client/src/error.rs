@@ -206,18 +206,40 @@ fn refused(refusal: &Refusal) -> String {
         }
         Refusal::Unsupported => "this board cannot do that".into(),
         Refusal::Scan { setting, low, high } => {
-            let (name, hint) = match setting {
-                ScanSetting::ScanHz => {
-                    ("--scan", "; fewer samples (--oversampling) or a shorter --settle allow more")
-                }
-                ScanSetting::Oversampling => ("--oversampling", ""),
-                ScanSetting::SettleNs => ("--settle in nanoseconds", ""),
+            let within = format!("must lie in {low}…{high} with the other two settings as they are");
+            let must = match setting {
+                ScanSetting::ScanHz => format!(
+                    "--scan {within}; fewer samples (--oversampling) or a shorter --settle allow more"
+                ),
+                ScanSetting::Oversampling => format!("--oversampling must be {}", powers(*low, *high)),
+                ScanSetting::SettleNs => format!("--settle in nanoseconds {within}"),
             };
-            format!(
-                "{name} must lie in {low}…{high} with the other two settings as they are{hint}; the scan is \
-                 unchanged"
-            )
+            format!("{must}; the scan is unchanged")
         }
         Refusal::Uncalibrated => "the finger has no calibration; upload one".into(),
+    }
+}
+
+/// Lists the powers of two from `low` to `high`.
+fn powers(low: u32, high: u32) -> String {
+    let powers =
+        (0..u32::BITS).map(|power| 1 << power).filter(|number| (low..=high).contains(number));
+    let powers: Vec<_> = powers.map(|number: u32| number.to_string()).collect();
+    match &powers[..] {
+        [first @ .., last] if !first.is_empty() => format!("{} or {last}", first.join(", ")),
+        powers => powers.concat(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn refused_oversampling_is_told_its_values() {
+        let told =
+            |high| refused(&Refusal::Scan { setting: ScanSetting::Oversampling, low: 1, high });
+        assert_eq!(told(16), "--oversampling must be 1, 2, 4, 8 or 16; the scan is unchanged");
+        assert_eq!(told(1), "--oversampling must be 1; the scan is unchanged");
     }
 }

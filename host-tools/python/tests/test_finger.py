@@ -47,6 +47,18 @@ def test_refusal_gives_its_reason_in_one_line(finger: Finger):
     assert refused.value.refusal.details[0] == 1
 
 
+def test_refused_number_is_told_with_name_and_range(finger: Finger):
+    for call, name, numbers, expected in (
+        (finger.set_rate, "rate", (-1, 70_000), r"1…\d+"),
+        (finger.set_filter, "filter", (-1, 70_000), r"0…\d+"),
+        (finger.self_test, "scans", (-1, 70_000), "2…4096"),
+        (finger.take_bias, "scans", (-1, 70_000), "2…65535"),
+    ):
+        for number in numbers:
+            with pytest.raises(RefusedError, match=f": {name}: out of range: it must be {expected}$"):
+                call(number)
+
+
 def test_calibration_reads_back_as_uploaded(finger: Finger):
     record = finger.download_calibration()
     assert len(record) > 100

@@ -30,7 +30,7 @@ use taxel::frame::Fields;
 use taxel::frame::schema::FIELD_NAMES;
 use taxel_client::{Port, ReconnectingClient, fields};
 
-use crate::finger::{address, closed, steady};
+use crate::finger::{address, checked_by_finger, closed, steady};
 use crate::interrupt::Interrupt;
 use crate::{output, stream};
 use finger::{Finger, Outlet, Report};
@@ -80,7 +80,7 @@ pub struct Args {
     #[arg(long, value_name = "ENDPOINT", default_value = "tcp/localhost:0")]
     listen: Vec<String>,
     /// Domain of the ROS 2 system [default: ROS_DOMAIN_ID, else 0].
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = ros_domain)]
     domain: Option<u32>,
     /// Prefix of the names of nodes and topics.
     #[arg(long, value_name = "NAME", default_value = "/taxel")]
@@ -94,7 +94,7 @@ pub struct Args {
     #[arg(long, requires = "zenoh")]
     best_effort: bool,
     /// Frames a second [default: as the finger is set].
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", value_parser = checked_by_finger)]
     rate: Option<u16>,
     #[arg(long, value_name = "LIST", value_parser = fields::parse, help = format!(
         "Fields to publish, with commas between (codes are not published): {FIELD_NAMES} \
@@ -137,7 +137,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     args.foxglove.iter().try_for_each(|address| closed(address, args.open))?;
     let domain = match args.domain {
         Some(domain) => domain,
-        None => ros_domain()?,
+        None => domain_from_environment()?,
     };
     let tools = tools(&args.tool, args.port.len())?;
     let steadies =
@@ -218,11 +218,17 @@ fn as_text(report: &Report) -> String {
     format!("{port}: {name}, {frames} frames, {lost} lost, {wrenches} with a wrench")
 }
 
+/// Parses a domain of ROS 2.
+fn ros_domain(text: &str) -> Result<u32, String> {
+    let domain = text.parse().ok().filter(|domain| (0..=232).contains(domain));
+    domain.ok_or_else(|| "expected a whole number in 0…232".to_owned())
+}
+
 /// Reads the domain from `ROS_DOMAIN_ID`, as ROS 2 does: 0 if unset or empty.
-fn ros_domain() -> anyhow::Result<u32> {
+fn domain_from_environment() -> anyhow::Result<u32> {
     match std::env::var("ROS_DOMAIN_ID") {
         Ok(text) if !text.is_empty() => {
-            text.parse().map_err(|_| anyhow!("ROS_DOMAIN_ID: `{text}` is not an integer from 0 on"))
+            ros_domain(&text).map_err(|error| anyhow!("ROS_DOMAIN_ID: `{text}`: {error}"))
         }
         _ => Ok(0),
     }

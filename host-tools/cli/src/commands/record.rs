@@ -11,7 +11,7 @@ use taxel_client::{Client, LinkError, Port, Problem, ReconnectingClient, RoundTr
 
 use crate::Files;
 use crate::commands::view::page;
-use crate::finger::{PortArg, address};
+use crate::finger::{PortArg, address, checked_by_finger};
 use crate::interrupt::Interrupt;
 use crate::output::{Overwrite, waiting};
 use crate::stream::Next;
@@ -45,7 +45,7 @@ pub struct Args {
     ))]
     fields: Option<Fields>,
     /// Frames a second [default: as the finger is set].
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", value_parser = checked_by_finger)]
     rate: Option<u16>,
     /// Hold an LED row on in every step, to test the wiring: codes are those of this row, and there
     /// are no estimates. Ends with the recording.

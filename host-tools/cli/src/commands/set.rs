@@ -7,7 +7,7 @@ use taxel::frame::schema::FIELD_NAMES;
 use taxel::scan::ScanSettings;
 use taxel_client::{Client, LinkError, Settings, fields};
 
-use crate::finger::PortArg;
+use crate::finger::{PortArg, checked_by_finger};
 use crate::output;
 
 /// Changes the finger's settings, until it loses power or permanently with --save. If it refuses
@@ -19,11 +19,11 @@ pub struct Args {
     #[command(flatten)]
     port: PortArg,
     /// Frames a second; the finger uses the nearest possible rate.
-    #[arg(long, value_name = "HZ", group = "settings")]
+    #[arg(long, value_name = "HZ", group = "settings", value_parser = checked_by_finger)]
     rate: Option<u16>,
     /// Low-pass on forces and contact points: frequency of −3 dB in hertz, 0 for none. The filter
     /// is of second order.
-    #[arg(long, value_name = "HZ", group = "settings")]
+    #[arg(long, value_name = "HZ", group = "settings", value_parser = checked_by_finger)]
     filter: Option<u16>,
     #[arg(long, value_name = "LIST", value_parser = fields::parse, group = "settings",
           help = format!("Fields that frames carry, with commas between: {FIELD_NAMES}"))]
@@ -32,10 +32,10 @@ pub struct Args {
     #[arg(long, value_name = "METHOD", group = "settings")]
     point: Option<Point>,
     /// Scans a second.
-    #[arg(long, value_name = "HZ", group = "settings")]
+    #[arg(long, value_name = "HZ", group = "settings", value_parser = checked_by_finger)]
     scan: Option<u16>,
     /// Samples summed for one reading: 1, 2, 4, 8 or 16.
-    #[arg(long, value_name = "SAMPLES", group = "settings")]
+    #[arg(long, value_name = "SAMPLES", group = "settings", value_parser = checked_by_finger)]
     oversampling: Option<u16>,
     /// Time from the change of LED row to the first sample, in microseconds.
     #[arg(long, value_name = "US", group = "settings", value_parser = settle)]

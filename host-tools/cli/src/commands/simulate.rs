@@ -39,7 +39,7 @@ pub struct Args {
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Seed of noise, lamps and random presses; the device's own seed is in the scene.
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = seed)]
     seed: u64,
 }
 
@@ -58,6 +58,14 @@ Examples:
   taxel simulate --scene shear --seed 2 --out shear.csv
   taxel simulate --scene presses --out presses.csv --cell cell.csv
   taxel simulate --scene press --finger reference --set effects.creep=false --out press.csv";
+
+/// Parses a seed, as in `--seed`.
+///
+/// # Errors
+/// The text is no whole number of 64 bits.
+pub fn seed(text: &str) -> Result<u64, String> {
+    text.parse().map_err(|_| format!("expected a whole number in 0…{}", u64::MAX))
+}
 
 /// Runs the command.
 ///

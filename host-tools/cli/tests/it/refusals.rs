@@ -47,6 +47,26 @@ fn refused_setting_changes_no_other() {
 }
 
 #[test]
+fn refused_number_is_told_its_true_range() {
+    let set = |option: &str| fails(&["set", "--port", "sim:press", option]);
+    for (option, range) in [
+        ("--rate=-5", "rate: must lie in 1…1000"),
+        ("--rate=70000", "rate: must lie in 1…1000"),
+        ("--filter=-1", "filter: must lie in 0…250"),
+    ] {
+        let error = set(option);
+        assert!(error.starts_with(&format!("taxel: sim:press: {range};")), "{option}: {error}");
+    }
+    let usage = |args: &[&str]| In(Path::new(".")).fails(2, args);
+    let word = usage(&["set", "--port", "sim:press", "--rate=fast"]);
+    assert!(word.contains("'--rate <HZ>': expected a whole number;"), "{word}");
+    let domain = usage(&["bridge", "--zenoh", "--port", "sim:press", "--domain=-1"]);
+    assert!(domain.contains("expected a whole number in 0…232"), "{domain}");
+    let seed = usage(&["simulate", "--scene", "press", "--out", "no.csv", "--seed=-1"]);
+    assert!(seed.contains("expected a whole number in 0…18446744073709551615"), "{seed}");
+}
+
+#[test]
 fn taken_address_is_named_with_mend() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap().to_string();

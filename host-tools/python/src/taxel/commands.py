@@ -26,7 +26,7 @@ class Command:
 
     @staticmethod
     def set_rate(hz: int) -> bytes:
-        return bytes([3]) + _u16(hz)
+        return bytes([3]) + _checked(hz)
 
     @staticmethod
     def set_fields(fields: Fields) -> bytes:
@@ -38,7 +38,7 @@ class Command:
 
     @staticmethod
     def take_bias(scans: int) -> bytes:
-        return bytes([6]) + _u16(scans)
+        return bytes([6]) + _checked(scans, refused=0)
 
     @staticmethod
     def calibration_begin(length: int) -> bytes:
@@ -54,11 +54,11 @@ class Command:
 
     @staticmethod
     def self_test(scans: int) -> bytes:
-        return bytes([16]) + _u16(scans)
+        return bytes([16]) + _checked(scans)
 
     @staticmethod
     def set_filter(hz: int) -> bytes:
-        return bytes([19]) + _u16(hz)
+        return bytes([19]) + _checked(hz)
 
     @staticmethod
     def hold_row(row: int | None) -> bytes:
@@ -68,6 +68,14 @@ class Command:
 def request(tag: int, command: bytes) -> bytes:
     """Returns the message that requests ``command``; the reply carries the same ``tag``."""
     return bytes([tag]) + command
+
+
+def _checked(value: int, refused: int = 0xFFFF) -> bytes:
+    """Encodes a number whose range the finger knows.
+
+    One that 16 bits cannot hold becomes ``refused``, which the finger refuses with that range.
+    """
+    return _u16(value if 0 <= value <= 0xFFFF else refused)
 
 
 def _u16(value: int) -> bytes:

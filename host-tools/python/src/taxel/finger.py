@@ -164,11 +164,11 @@ class Finger:
 
     def set_rate(self, hz: int) -> float:
         """Sets the frames per second; returns the true rate, the scan rate over a whole number."""
-        return self._expect(Rate, Command.set_rate(hz)).millihertz / 1000
+        return self._expect(Rate, Command.set_rate(hz), what="rate").millihertz / 1000
 
     def set_filter(self, hz: int) -> None:
         """Sets the corner in Hz of the second-order low-pass on the signals; 0 turns it off."""
-        self._expect(Done, Command.set_filter(hz))
+        self._expect(Done, Command.set_filter(hz), what="filter")
 
     def hold_row(self, row: int | None) -> None:
         """Holds an LED row (0 … 3) on in every step, to test the wiring; ``None`` scans again.
@@ -189,7 +189,8 @@ class Finger:
         """Averages ``scans`` scans into a new bias; the finger rejects it while in motion."""
         averaging = scans / max(1, self.info().scan_hz)
         # One try only, because a second one would be rejected as busy.
-        return self._expect(Bias, Command.take_bias(scans), averaging + _TRIES * _PATIENCE, 1)
+        patience = averaging + _TRIES * _PATIENCE
+        return self._expect(Bias, Command.take_bias(scans), patience, 1, what="scans")
 
     def self_test(self, scans: int = 500) -> SelfTest:
         """Measures mean and noise of every channel over ``scans`` scans, at most 4096.
@@ -197,7 +198,8 @@ class Finger:
         The finger must be still; ``taxel self-test`` also judges the channels.
         """
         averaging = scans / max(1, self.info().scan_hz)
-        return self._expect(SelfTest, Command.self_test(scans), averaging + _TRIES * _PATIENCE, 1)
+        patience = averaging + _TRIES * _PATIENCE
+        return self._expect(SelfTest, Command.self_test(scans), patience, 1, what="scans")
 
     def read_bias(self) -> Bias:
         """Returns the active bias."""
@@ -268,11 +270,13 @@ class Finger:
         patience: float = _PATIENCE,
         tries: int = _TRIES,
         starts: bool = False,
+        what: str | None = None,
     ) -> R:
         answer = self._exchange(command, patience, tries, starts)
         result: Response | Refusal | None = answer.result if isinstance(answer, Reply) else None
         if isinstance(result, Refusal):
-            raise RefusedError(f"{self.port}: {result}", result)
+            named = result if what is None else f"{what}: {result}"
+            raise RefusedError(f"{self.port}: {named}", result)
         if not isinstance(result, kind):
             raise self._confused()
         return result

@@ -199,16 +199,15 @@ type Order = Box<dyn Fn(&Client) -> Result<(), LinkError>>;
 
 /// Checks a wish before anything is changed, and returns the change.
 fn order(name: &str, value: Option<Value>) -> Result<Order, String> {
-    let hertz = |hz: i64| {
-        u16::try_from(hz).map_err(|_| format!("{name}: {hz} is not in 0…{} Hz", u16::MAX))
-    };
+    // The finger refuses the largest number with its own range.
+    let hertz = |hz: i64| u16::try_from(hz).unwrap_or(u16::MAX);
     Ok(match (name, value) {
         (RATE, Some(Value::Integer(hz))) => {
-            let hz = hertz(hz)?;
+            let hz = hertz(hz);
             Box::new(move |client| client.set_rate(hz).map(drop))
         }
         (FILTER, Some(Value::Integer(hz))) => {
-            let hz = hertz(hz)?;
+            let hz = hertz(hz);
             Box::new(move |client| client.set_filter(hz))
         }
         (FIELDS, Some(Value::Text(list))) => {

@@ -21,6 +21,7 @@ use taxel_regress::network::{NetOptions, Progress};
 use taxel_regress::table::{self, TableOptions};
 
 use super::data::{self, Aligned};
+use crate::commands::simulate::seed;
 use crate::interrupt::{DEADLINE, Interrupt};
 use crate::output::{self, Overwrite};
 
@@ -87,7 +88,7 @@ pub struct Args {
     #[arg(long, value_enum, default_value_t = NetForm::F32)]
     form: NetForm,
     /// Seed of the net's starting weights.
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, value_parser = seed)]
     seed: u64,
     /// Serial number of the finger or sensor, kept in the record.
     #[arg(long, default_value = "", value_parser = serial)]
