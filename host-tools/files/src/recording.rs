@@ -80,6 +80,25 @@ pub enum Existing {
     Replace,
 }
 
+/// Most that device time may differ from host time between first and last row: a share for the
+/// clocks, and an amount in µs for the delay of the link.
+#[cfg(feature = "recording")]
+const CLOCKS: (f64, f64) = (0.02, 1e6);
+
+/// Returns whether the finger did not restart within the recording, so that its device time goes
+/// forward. `span` returns the first and the last value of a column.
+#[cfg(feature = "recording")]
+fn in_order(span: impl Fn(&str) -> Option<(u64, u64)>) -> bool {
+    let Some((from, to)) = span("t_us").filter(|(from, to)| from <= to) else { return false };
+    let once = span("connection").is_none_or(|(from, to)| from == to);
+    let kept = span(HOST_TIME).is_none_or(|(host_from, host_to)| {
+        let (device, host) = ((to - from) as f64, host_to as f64 - host_from as f64);
+        let (share, most) = CLOCKS;
+        (device - host).abs() <= share * host.abs() + most
+    });
+    once && kept
+}
+
 /// Opens a file to write into. A device, such as a pipe, already exists.
 fn begin(path: &Path, existing: Existing) -> Result<File, FileError> {
     let device = path.metadata().is_ok_and(|found| !found.is_file());
@@ -225,6 +244,7 @@ impl Recording {
         match Format::of(path)? {
             // A negative time or none is the beginning.
             Format::Mcap if micros > 0.0 => mcap::open_from(path, micros as u64),
+            Format::Parquet if micros > 0.0 => parquet::open_from(path, micros as u64),
             _ => Self::open(path),
         }
     }

@@ -18,16 +18,18 @@ use crate::frames::{Cell, Column, Kind, reason};
 use parquet::basic::{Compression, LogicalType, Repetition, Type as Physical};
 use parquet::data_type::{ByteArray, ByteArrayType, FloatType, Int64Type};
 use parquet::errors::ParquetError;
-use parquet::file::metadata::KeyValue;
+use parquet::file::metadata::{KeyValue, RowGroupMetaData};
 use parquet::file::properties::WriterProperties;
 use parquet::file::reader::{FileReader, SerializedFileReader};
+use parquet::file::serialized_reader::ReadOptionsBuilder;
+use parquet::file::statistics::Statistics;
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::record::{Field, Row};
 use parquet::schema::types::{Type, TypePtr};
 use taxel::measured::NoValue;
 
 use crate::recording::header::Header;
-use crate::recording::{Existing, Recording, Sink, begin, mcap};
+use crate::recording::{Existing, Recording, Sink, begin, in_order, mcap};
 
 const WITHHELD: &str = "_withheld";
 const CALIBRATION: &str = "calibration";
@@ -243,12 +245,31 @@ fn failed(path: &Path, error: ParquetError) -> FileError {
 
 /// Opens a Parquet recording.
 pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {
+    open_at(path, None)
+}
+
+/// Opens a Parquet recording at the row group in which a device time in µs lies, or at its start if
+/// that cannot be found.
+pub(crate) fn open_from(path: &Path, micros: u64) -> Result<Recording, FileError> {
+    open_at(path, Some(micros))
+}
+
+fn open_at(path: &Path, micros: Option<u64>) -> Result<Recording, FileError> {
     let unreadable = |error: ParquetError| {
         failed(path, error)
             .mend("is it a whole Parquet file? One that was cut short cannot be read")
     };
     let file = File::open(path).map_err(|error| FileError::io(path, &error))?;
-    let reader = guarded(|| SerializedFileReader::new(file)).map_err(unreadable)?;
+    let open = |first: usize| {
+        let file = file.try_clone()?;
+        let rows = ReadOptionsBuilder::new().with_predicate(Box::new(move |_, at| at >= first));
+        guarded(|| SerializedFileReader::new_with_options(file, rows.build()))
+    };
+    let mut reader = open(0).map_err(unreadable)?;
+    let group = micros.and_then(|micros| group_before(reader.metadata().row_groups(), micros));
+    if let Some(group) = group {
+        reader = open(group).map_err(unreadable)?;
+    }
     let metadata = reader.metadata().file_metadata();
     let mut header = Header::default();
     for pair in metadata.key_value_metadata().into_iter().flatten() {
@@ -276,6 +297,25 @@ pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {
         Some(row.map(|row| cells(&row, &kinds)).map_err(|error| failed(&path, error)))
     });
     Ok(Recording { header, columns, whole: true, rows: Box::new(rows) })
+}
+
+/// Returns the last group whose first row is not after `micros` of device time, by the groups'
+/// statistics. `None` if they do not tell, or if the finger restarted.
+fn group_before(groups: &[RowGroupMetaData], micros: u64) -> Option<usize> {
+    let (first, last) = (groups.first()?, groups.last()?);
+    if !in_order(|name| Some((bounds(first, name)?.0, bounds(last, name)?.1))) {
+        return None;
+    }
+    let times: Option<Vec<_>> = groups.iter().map(|group| bounds(group, "t_us")).collect();
+    let times = times.filter(|times| times.is_sorted_by(|before, next| before.1 < next.0))?;
+    times.partition_point(|(begin, _)| *begin <= micros).checked_sub(1)
+}
+
+/// Returns the least and the largest number of a group's column.
+fn bounds(group: &RowGroupMetaData, name: &str) -> Option<(u64, u64)> {
+    let column = group.columns().iter().find(|column| column.column_path().string() == name)?;
+    let Some(Statistics::Int64(numbers)) = column.statistics() else { return None };
+    Some((u64::try_from(*numbers.min_opt()?).ok()?, u64::try_from(*numbers.max_opt()?).ok()?))
 }
 
 /// Turns panics of the library on a damaged file into errors.

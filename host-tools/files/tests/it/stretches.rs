@@ -1,4 +1,4 @@
-//! Tests of opening a stretch of an MCAP recording without reading what lies before it.
+//! Tests of opening a stretch of a recording without reading what lies before it.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -79,6 +79,23 @@ fn end_of_ten_minutes_opens_ten_times_faster() {
 }
 
 #[test]
+fn stretch_of_parquet_reads_from_its_row_group() {
+    /// Rows of a group.
+    const GROUP: usize = 16_384;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.parquet");
+    let rows = ten_minutes();
+    record(&path, &rows);
+    let border = seconds(&rows[GROUP]);
+    for from in [f64::NEG_INFINITY, 4.9, 5.0, border - 0.001, border, 300.0, 604.0, 1e9] {
+        let (read, stretch, _) = opened(&path, from);
+        let expected = after(&rows, from);
+        assert_eq!(stretch, expected, "{from}");
+        assert!(read - stretch.len() <= GROUP, "{from}: {read} read for {}", stretch.len());
+    }
+}
+
+#[test]
 fn every_stretch_has_the_rows_of_the_whole() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
@@ -101,11 +118,14 @@ fn every_stretch_has_the_rows_of_the_whole() {
 #[test]
 fn restarted_finger_is_read_from_the_start() {
     let folder = tempfile::tempdir().unwrap();
-    for connection in [1, 2] {
-        let path = folder.path().join(format!("{connection}.mcap"));
-        let before = (0..20 * HZ).map(|i| row(40_000_000 + i * 1_000_000 / HZ, i, 1));
-        let again =
-            (0..30 * HZ).map(|i| row(35_000_000 + i * 1_000_000 / HZ, i + 20 * HZ, connection));
+    for (connection, format, scale) in
+        [(1, "mcap", 1), (2, "mcap", 1), (1, "parquet", 5), (2, "parquet", 5)]
+    {
+        let path = folder.path().join(format!("{connection}.{format}"));
+        let first = 20 * scale * HZ;
+        let before = (0..first).map(|i| row(40_000_000 + i * 1_000_000 / HZ, i, 1));
+        let again = (0..30 * scale * HZ)
+            .map(|i| row(35_000_000 + i * 1_000_000 / HZ, i + first, connection));
         let rows: Vec<_> = before.chain(again).collect();
         record(&path, &rows);
         for from in [36.0, 45.0, 59.0, 64.0] {

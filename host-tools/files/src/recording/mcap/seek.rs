@@ -12,11 +12,7 @@ use mcap::records::Record;
 
 use super::container::{Container, Found};
 use crate::frames::{Cell, Column};
-use crate::recording::{HOST_TIME, schema};
-
-/// Most that device time may differ from host time between first and last row: a share for the
-/// clocks, and an amount in µs for the delay of the link.
-const CLOCKS: (f64, f64) = (0.02, 1e6);
+use crate::recording::{in_order, schema};
 
 /// Returns where the last chunk begins whose first row is not after `micros` of device time.
 pub(super) fn chunk_before(
@@ -100,14 +96,6 @@ impl Chunks<'_> {
 
     /// Returns whether the finger did not restart between the two rows.
     fn in_order(&self, first: &[Cell], last: &[Cell]) -> bool {
-        let span = |name| Some((self.whole(first, name)?, self.whole(last, name)?));
-        let Some((from, to)) = span("t_us").filter(|(from, to)| from <= to) else { return false };
-        let once = span("connection").is_none_or(|(from, to)| from == to);
-        let kept = span(HOST_TIME).is_none_or(|(host_from, host_to)| {
-            let (device, host) = ((to - from) as f64, host_to as f64 - host_from as f64);
-            let (share, most) = CLOCKS;
-            (device - host).abs() <= share * host.abs() + most
-        });
-        once && kept
+        in_order(|name| Some((self.whole(first, name)?, self.whole(last, name)?)))
     }
 }
