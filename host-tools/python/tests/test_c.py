@@ -68,6 +68,15 @@ def test_serial_example_prints_newtons(command: str, build: Path):
     assert " 0.000 N\n" in said and "record intact" in said
 
 
+def test_serial_example_runs_on_the_scene_of_the_readme(command: str, build: Path):
+    (scene,) = re.findall(r"`taxel serve --port (sim:\S+)`", (C / "README.md").read_text())
+    (rate,) = re.findall(r"`./build/finger PORT (\d+) 300`", (C / "README.md").read_text())
+    with serve(command, scene) as port:
+        said = run(build / "finger", port, rate, 300).splitlines()
+    assert said[4].startswith("bias taken") and said[-1] == "300 frames, 0 lost"
+    assert all(line.endswith(" N") for line in said[5:8])
+
+
 @contextmanager
 def renumbered(port: str, seqs: Iterator[int]) -> Iterator[str]:
     """Passes a finger on to a serial port, its frames with these numbers; yields the port's name."""
