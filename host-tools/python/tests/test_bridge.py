@@ -191,12 +191,21 @@ def test_ten_fingers_at_1_khz_lose_nothing(command: str, network: Network):
 
 
 def test_commands_of_the_manual_work(command: str, tmp_path: Path):
-    """Runs each `taxel` line of the manual's `sh` blocks, and the listener next to the bridge."""
-    manual = (ROOT / "docs/ros2.md").read_text()
-    blocks = [block.split("```")[0] for block in manual.split("```sh\n")[1:]]
-    lines = [line for block in blocks for line in block.splitlines() if line.startswith("taxel ")]
-    assert lines
-    for line in lines:
+    """Runs each `taxel bridge` line of the manuals' `sh` blocks, and the listener next to the bridge."""
+
+    def lines(manual: str) -> list[str]:
+        blocks = [block.split("```")[0] for block in (ROOT / manual).read_text().split("```sh\n")[1:]]
+        return [line for block in blocks for line in block.splitlines() if line.startswith("taxel bridge ")]
+
+    (line,) = lines("docs/getting-started.md")
+    # The address of the manual may be in use; whether it is free is not this test's matter.
+    words = line.replace("--foxglove", "--foxglove 127.0.0.1:0").split()[1:]
+    ran = subprocess.run([command, *words], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert ran.returncode == 0, ran.stderr
+    assert "topics /taxel/tour, /taxel/tour/scene and /taxel/tour/log" in ran.stderr
+    ros = lines("docs/ros2.md")
+    assert ros
+    for line in ros:
         ran = subprocess.run(
             [command, *line.split()[1:]], cwd=tmp_path, capture_output=True, text=True, timeout=60
         )

@@ -33,7 +33,7 @@ set -euo pipefail
 taxel() {
     local all=" $* "
     case "$all" in
-        # A feature that this build may lack; the Python tests run it, and the commands of docs/ros2.md.
+        # A feature that this build may lack; the Python tests run the bridges of both pages in docs/.
         " bridge "*) set -- help bridge ;;
         *" --duration "* | *" --help "*) ;;
         # What runs until Ctrl-C gets it after four seconds, once, and must end well. Another page may be served.

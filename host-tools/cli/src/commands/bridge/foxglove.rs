@@ -1,5 +1,5 @@
 //! Live fingers in Foxglove. A finger's frames have the topic and the messages of an MCAP
-//! recording, so that one layout serves both; a scene and a log have Foxglove's own schemas.
+//! recording, so that a layout's plots serve both; a scene and a log have Foxglove's own schemas.
 
 pub mod scene;
 
