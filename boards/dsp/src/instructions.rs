@@ -5,7 +5,8 @@
 //! `portable.rs` bit for bit: `cargo xtask cycles` compares them on an emulated core for ten
 //! thousand inputs.
 //!
-//! This is all of the `unsafe` below the boards, and saves a third of the net's time. It is written
+//! This and the square root of x86-64 are all of the `unsafe` below the boards. It saves a third of
+//! the net's time, and is written
 //! as assembly because LLVM's own pass loads both factors of an SMLAD again for each product, which
 //! costs more than it saves, and because the intrinsics are not stable. Each block reads the memory
 //! of the references passed to it, word by word and each word once; one block also reads tanh's

@@ -43,7 +43,21 @@ pub fn narrowed(c: &[f32; 8], scale: f32) -> [[u32; 2]; 2] {
 
 /// Square root of a positive finite number, rounded to nearest.
 #[must_use]
+#[cfg(target_arch = "x86_64")]
+#[allow(unsafe_code, reason = "core has no square root")]
 pub fn sqrt(x: f32) -> f32 {
+    use core::arch::x86_64::{_mm_cvtss_f32, _mm_set_ss, _mm_sqrt_ss};
+    // SAFETY: these are instructions of SSE, which every x86-64 has.
+    unsafe { _mm_cvtss_f32(_mm_sqrt_ss(_mm_set_ss(x))) }
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+pub use self::sqrt_of_integers as sqrt;
+
+/// Square root from that of an integer, on any processor.
+#[must_use]
+#[cfg(any(test, not(target_arch = "x86_64")))]
+pub fn sqrt_of_integers(x: f32) -> f32 {
     const MANTISSA: u32 = (1 << 23) - 1;
     let (fraction, exponent) = (x.to_bits() & MANTISSA, (x.to_bits() >> 23) as i32);
     // x = m·2^e with 24 bits of m.
@@ -70,7 +84,9 @@ mod tests {
     fn square_root_is_rounded_exactly() {
         for bits in (1..f32::INFINITY.to_bits()).step_by(1009).chain(1..10_000) {
             let x = f32::from_bits(bits);
-            assert_eq!(sqrt(x).to_bits(), x.sqrt().to_bits(), "{x:e}");
+            for root in [sqrt(x), sqrt_of_integers(x)] {
+                assert_eq!(root.to_bits(), x.sqrt().to_bits(), "{x:e}");
+            }
         }
     }
 }
