@@ -157,6 +157,9 @@ fn foreign_page_changes_nothing_through_bridge() {
     let finger = finger("idle");
     let port = finger.port().to_string();
     let args = ["bridge", "--foxglove", "127.0.0.1:0", "--port", &port];
+    // The bridge adds signals to the fields, sooner or later than it is killed.
+    let fields = Fields::ESTIMATES | Fields::SIGNALS;
+    Client::open(finger.port()).unwrap().set_fields(fields).unwrap();
     let run = |attacked: bool| {
         let mut bridge = crate::common::In(folder.path()).command(&args).spawn().unwrap();
         let mut said = BufReader::new(bridge.stderr.take().unwrap()).lines().map_while(Result::ok);
