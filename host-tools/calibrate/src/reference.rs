@@ -101,10 +101,12 @@ impl Recording {
         alignment: &Alignment,
     ) -> Result<f64, FitError> {
         let forces = self.samples.iter().map(|s| s.truth.force.iter().flatten().copied());
-        let rows = sensor.times.iter().zip(sensor.rows).zip(forces.map(Iterator::collect));
+        let forces: Vec<Vec<f64>> = forces.map(Iterator::collect).collect();
+        // A trace may have components of its own, which go on where the log has ended.
+        let components = forces.iter().map(Vec::len).max().unwrap_or_default();
+        let rows = sensor.times.iter().zip(sensor.rows).zip(forces);
         let (mut times, mut recorded) = (Vec::new(), (Vec::new(), Vec::new()));
-        for ((time, levels), forces) in
-            rows.filter(|(_, forces): &(_, Vec<f64>)| !forces.is_empty())
+        for ((time, levels), forces) in rows.filter(|(_, f)| !f.is_empty() && f.len() == components)
         {
             times.push(*time);
             recorded.0.push(levels.clone());
@@ -117,9 +119,10 @@ impl Recording {
         }
         let sound = Series { times: &times, rows: &recorded[0].0 };
         let noise = self.reference_noise().into_iter().fold(0.0, f64::max);
-        let found = align::unexplained(sound, other, alignment).map_or(0.0, |[spread, left]| {
-            let left = (left * left - noise * noise).max(0.0);
-            (1.0 - left / (spread * spread)).max(0.0).sqrt()
+        let spread: f64 = (0..components).map(|k| variance(&recorded[0].1, k)).sum();
+        let found = align::correlation(sound, other, alignment).map_or(0.0, |found| {
+            let left = ((1.0 - found * found) * spread - noise * noise).max(0.0);
+            (1.0 - left / spread.max(f64::MIN_POSITIVE)).max(0.0).sqrt()
         });
         if found >= LEAST_CORRELATION {
             return Ok(found);
@@ -167,4 +170,11 @@ fn prompt(samples: &[Sample], lag: LagCompensation) -> Vec<Vec<f64>> {
         in_order(signals.taxels, signals.bridges)
     });
     rows.collect()
+}
+/// Variance of component `k` of the rows.
+fn variance(rows: &[Vec<f64>], k: usize) -> f64 {
+    let count = rows.len().max(1) as f64;
+    let values = || rows.iter().filter_map(|row| row.get(k));
+    let mean = values().sum::<f64>() / count;
+    values().map(|value| (value - mean).powi(2)).sum::<f64>() / count
 }

@@ -31,16 +31,18 @@ SCENES = [
     "grasp",
 ]
 REASONS = 8
+ILL_CONDITIONED = 6
 # A node, its publishers and its services.
 ENTITIES = 1 + 6 + 8
 
 
 def has_wrench(frame: Any) -> bool:
-    """Returns whether force, place and torsion are known, or the force is zero."""
+    """Returns whether force and place are known and no fault hides the torsion, or the force is zero."""
     known = all(value.withheld == 0 for value in frame.force)
     zero = all(value.value == 0 for value in frame.force)
-    rest = (*frame.point, *frame.torsion)
-    return known and (zero or all(value.withheld == 0 for value in rest))
+    placed = all(value.withheld == 0 for value in frame.point)
+    torsion = all(value.withheld in (0, ILL_CONDITIONED) for value in frame.torsion)
+    return known and (zero or placed and torsion)
 
 
 def torque_in_tilted_frame(wrench: Wrench) -> np.ndarray[Any, Any]:

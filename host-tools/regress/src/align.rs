@@ -212,15 +212,12 @@ pub fn median_step(times: &[f64]) -> f64 {
     steps.get(steps.len() / 2).copied().unwrap_or_default()
 }
 
-/// Standard deviations of the reference, and of its part that the sensor's channels do not explain.
-///
-/// Both are of the reference's first principal component; `None` if it never changes.
+/// Correlation of the reference's first principal component with the sensor's channels, which explain
+/// it linearly, where both are known; `None` if the reference never changes.
 #[must_use]
-pub fn unexplained(sensor: Series<'_>, reference: Series<'_>, at: &Alignment) -> Option<[f64; 2]> {
+pub fn correlation(sensor: Series<'_>, reference: Series<'_>, at: &Alignment) -> Option<f64> {
     let other = Trace::new(reference)?;
-    let spread = other.spread();
-    let found = refine_from(sensor, &other, at.offset, at.rate, 0);
-    Some([spread, spread * (1.0 - found.correlation.powi(2)).sqrt()])
+    Some(refine_from(sensor, &other, at.offset, at.rate, 0).correlation)
 }
 
 fn refine(sensor: Series<'_>, other: &Trace<'_>, offset: f64, rate: f64) -> Alignment {

@@ -187,7 +187,7 @@ class Finger:
 
     def take_bias(self, scans: int = 500) -> Bias:
         """Averages ``scans`` scans into a new bias; the finger rejects it while in motion."""
-        averaging = scans / max(1, self.info().scan_hz)
+        averaging = max(0, scans) / max(1, self.info().scan_hz)
         # One try only, because a second one would be rejected as busy.
         patience = averaging + _TRIES * _PATIENCE
         return self._expect(Bias, Command.take_bias(scans), patience, 1, what="scans")
@@ -197,7 +197,7 @@ class Finger:
 
         The finger must be still; ``taxel self-test`` also judges the channels.
         """
-        averaging = scans / max(1, self.info().scan_hz)
+        averaging = max(0, scans) / max(1, self.info().scan_hz)
         patience = averaging + _TRIES * _PATIENCE
         return self._expect(SelfTest, Command.self_test(scans), patience, 1, what="scans")
 

@@ -44,12 +44,6 @@ impl<'s> Trace<'s> {
         (share >= 0.0).then(|| self.values[next - 1] * (1.0 - share) + self.values[next] * share)
     }
 
-    /// Standard deviation of the values.
-    pub fn spread(&self) -> f64 {
-        let squares: f64 = self.values.iter().map(|v| v * v).sum();
-        (squares / self.values.len() as f64).sqrt()
-    }
-
     fn span(&self) -> f64 {
         self.times[self.times.len() - 1] - self.times[0]
     }

@@ -134,10 +134,18 @@ pub fn wrench(frame: &Frame) -> Option<[[f64; 3]; 2]> {
     Some([force, [y * fz, -x * fz, x * fy - y * fx + torsion]])
 }
 
-/// Whether the finger measures no torsion, because it has no calibrated array of force sensors.
+/// Whether the finger measures no torsion: it has no calibrated array of force sensors, or one that
+/// was calibrated without moments, or the touch is so light that torsion is next to nothing.
 pub fn no_torsion(frame: &Frame) -> bool {
-    use NoValue::{Absent, NotEstimated, Uncalibrated};
-    matches!(frame.torsion, Some(Err(Absent | NotEstimated | Uncalibrated)))
+    use NoValue::{Absent, IllConditioned, NotEstimated, Uncalibrated};
+    matches!(frame.torsion, Some(Err(Absent | IllConditioned | NotEstimated | Uncalibrated)))
+}
+
+/// Whether a frame tells that the finger never measures torsion: it has none of a firm press.
+pub fn never_torsion(frame: &Frame) -> bool {
+    const FIRM: f32 = 0.5;
+    let firm = frame.force.is_some_and(|force| force.z.is_ok_and(|fz| fz.0 > FIRM));
+    no_torsion(frame) && (firm || frame.torsion != Some(Err(NoValue::IllConditioned)))
 }
 
 /// Encodes a [`wrench`] in the named frame.
@@ -250,7 +258,7 @@ mod tests {
     #[test]
     fn wrench_is_withheld_when_torsion_is_missing() {
         assert_eq!(moment(None), None);
-        for why in [NoValue::IllConditioned, NoValue::Saturated, NoValue::DeadChannel] {
+        for why in [NoValue::Saturated, NoValue::DeadChannel, NoValue::OutOfTrainedRange] {
             assert_eq!(moment(Some(Err(why))), None, "{why:?}");
         }
     }
@@ -260,5 +268,15 @@ mod tests {
         for why in [NoValue::Absent, NoValue::NotEstimated, NoValue::Uncalibrated] {
             assert_eq!(moment(Some(Err(why))), Some([6000, -2000, -1500]), "{why:?}");
         }
+    }
+
+    #[test]
+    fn finger_calibrated_by_forces_alone_has_a_wrench() {
+        let unknown = Some(Err(NoValue::IllConditioned));
+        assert_eq!(moment(unknown), Some([6000, -2000, -1500]));
+        let firm = pressed(unknown);
+        assert!(never_torsion(&firm));
+        let force = firm.force.map(|force| Force { z: Ok(Newtons(0.02)), ..force });
+        assert!(!never_torsion(&Frame { force, ..firm }), "a light touch tells nothing");
     }
 }

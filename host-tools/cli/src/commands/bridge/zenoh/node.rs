@@ -137,10 +137,10 @@ impl Node {
                 }
             };
             self.wrench.put(&stamped, now)?;
-            if ros::no_torsion(frame) && !std::mem::replace(&mut self.told, true) {
+            if ros::never_torsion(frame) && !std::mem::replace(&mut self.told, true) {
                 output::note(format_args!(
-                    "{name}: measures no torsion, because it has no calibrated array of force \
-                     sensors: its torque is r × F alone"
+                    "{name}: measures no torsion, because it has no array of force sensors that was \
+                     calibrated with places or moments: its torque is r × F alone"
                 ));
             }
         }
