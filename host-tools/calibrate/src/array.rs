@@ -11,7 +11,7 @@ use taxel::estimate::sensitivity::Sensitivity;
 use taxel::estimate::wrench::{SensorPlaces, Wrench, WrenchMatrix};
 use taxel::scan::SENSORS;
 
-use crate::prepared::Prepared;
+use crate::prepared::{self, Prepared};
 use crate::recording::Recording;
 use taxel_regress::error::FitError;
 use taxel_regress::evidence;
@@ -72,9 +72,7 @@ pub(crate) fn fit(
     if count < LEAST_ROWS {
         return None;
     }
-    let noise = recordings.iter().map(|r| r.recording.reference_noise());
-    let noise =
-        noise.fold([0.0; 3], |most: [f64; 3], n| std::array::from_fn(|k| most[k].max(n[k])));
+    let noise = prepared::reference_noise(recordings);
     let (matrix, mut residual) = least_squares(&rows, live)?;
     for (residual, noise) in residual.iter_mut().zip(noise) {
         let least = LEAST_SHARE * *residual;

@@ -23,7 +23,7 @@ use crate::array;
 use crate::lag;
 use crate::limit_surface;
 pub use crate::prepared::Subject;
-use crate::prepared::{Loads, Prepared};
+use crate::prepared::{self, Loads, Prepared};
 use crate::quantise::{self, Form};
 use crate::recording::Recording;
 use crate::shear;
@@ -312,8 +312,7 @@ fn noise_of_reference(
     recordings: &[&Prepared<'_>],
     given: Option<f64>,
 ) -> [f64; 3] {
-    let each = recordings.iter().map(|r| r.recording.reference_noise());
-    let found = each.fold([0.0; 3], |most: [f64; 3], n| std::array::from_fn(|k| most[k].max(n[k])));
+    let found = prepared::reference_noise(recordings);
     let [least, most] = [f64::min, f64::max].map(|of| found.into_iter().fold(found[0], of));
     let Some(given) = given else { return found };
     if given < 0.5 * least {

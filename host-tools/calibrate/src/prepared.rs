@@ -193,6 +193,12 @@ impl<'r> Prepared<'r> {
     }
 }
 
+/// Largest noise of each component of the reference in any recording, at rest.
+pub(crate) fn reference_noise(recordings: &[&Prepared<'_>]) -> [f64; 3] {
+    let each = recordings.iter().map(|prepared| prepared.recording.reference_noise());
+    each.fold([0.0; 3], |most, noise| std::array::from_fn(|k| most[k].max(noise[k])))
+}
+
 /// The 99th percentile of the RMS signal over its noise.
 fn percentile<const N: usize>(signals: impl Iterator<Item = [f32; N]>, noise: f32) -> f32 {
     let rms = |u: [f32; N]| (u.iter().map(|u| u * u).sum::<f32>() / N as f32).sqrt() / noise;

@@ -171,6 +171,7 @@ fn prompt(samples: &[Sample], lag: LagCompensation) -> Vec<Vec<f64>> {
     });
     rows.collect()
 }
+
 /// Variance of component `k` of the rows.
 fn variance(rows: &[Vec<f64>], k: usize) -> f64 {
     let count = rows.len().max(1) as f64;

@@ -212,8 +212,8 @@ pub fn median_step(times: &[f64]) -> f64 {
     steps.get(steps.len() / 2).copied().unwrap_or_default()
 }
 
-/// Correlation of the reference's first principal component with the sensor's channels, which explain
-/// it linearly, where both are known; `None` if the reference never changes.
+/// Correlation of the reference's first principal component with the sensor's channels, which
+/// explain it linearly, where both are known; `None` if the reference never changes.
 #[must_use]
 pub fn correlation(sensor: Series<'_>, reference: Series<'_>, at: &Alignment) -> Option<f64> {
     let other = Trace::new(reference)?;

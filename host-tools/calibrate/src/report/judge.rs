@@ -56,7 +56,7 @@ pub struct Part {
     pub model: String,
     /// RMS error that the record states, in the units below; empty if it has none.
     ///
-    /// Of a finger's net and array it is that on rows left out of the fit.
+    /// That of a finger's net and array is on rows left out of the fit.
     pub residual: Vec<f64>,
     /// Units of the estimated quantities.
     pub units: Vec<&'static str>,
