@@ -1,5 +1,6 @@
 //! Changes to a scene before it is read: the reference finger, and single keys.
 
+use scan_plan::STEPS;
 use scan_plan::finger::REFERENCE;
 use serde::Deserialize;
 use taxel_files::FileError;
@@ -72,6 +73,9 @@ impl Scene {
 /// Adds the reference finger's parts where the scene has none, and its effects.
 fn make_reference(table: &mut Table) {
     let (converter, column) = (REFERENCE.converter, REFERENCE.column);
+    // The board spreads its steps over the scan, and a slower stream takes some of its scans.
+    let rate = table.get("scan").and_then(|scan| scan.get("rate_hz")).and_then(Value::as_integer);
+    let scan_hz = i64::from(converter.scan_hz).max(rate.unwrap_or(0));
     let parts: [(&str, &str, Value); 7] = [
         ("layer", "gap_mm", REFERENCE.pair.gap_mm.into()),
         ("electronics", "load_ohm", column.feedback_ohm.into()),
@@ -79,7 +83,7 @@ fn make_reference(table: &mut Table) {
         ("electronics", "time_constant_us", (1e6 * REFERENCE.time_constant_s()).into()),
         ("electronics", "oversampling", i64::from(converter.oversampling).into()),
         ("electronics", "reference_ratio", column.reference_ratio.into()),
-        ("scan", "step_us", i64::from(converter.settle_ns.div_ceil(1_000) + 2).into()),
+        ("scan", "step_us", (1_000_000 / (i64::from(STEPS) * scan_hz)).into()),
     ];
     for (within, key, value) in parts {
         let part = table.entry(within).or_insert_with(|| Value::Table(Table::new()));
@@ -135,6 +139,9 @@ fn set(table: &mut Table, change: &str) -> Result<(), String> {
 
 #[cfg(test)]
 mod tests {
+    use scan_plan::g431;
+    use taxel::scan::ScanSettings;
+
     use super::*;
     use crate::Effect;
 
@@ -153,6 +160,12 @@ mod tests {
         let tau = 1e6 * REFERENCE.time_constant_s();
         assert!((scene.time_constant_us() - tau).abs() < 1e-9);
         assert_eq!(scene.oversampling(), REFERENCE.converter.oversampling);
+        let plan = g431::plan(ScanSettings {
+            scan_hz: REFERENCE.converter.scan_hz,
+            oversampling: REFERENCE.converter.oversampling,
+            settle_ns: REFERENCE.converter.settle_ns,
+        });
+        assert_eq!(scene.scan.step_us(), plan.unwrap().step.frame_us() / STEPS);
         // The scene's own timing stays.
         assert_eq!(scene.rate_hz(), Scene::load("press").unwrap().rate_hz());
     }
