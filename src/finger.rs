@@ -97,12 +97,15 @@ impl Doubt {
 const DOUBTED_US: u32 = 50_000;
 
 /// Faults of a scan that disturb slip: dead taxels in the lower half, then four bits of faulty
-/// bridges, four of noisy sensors, and [`FLOODED`]. A single clipped taxel does not: its signal
-/// does not jump.
+/// bridges, four of noisy sensors, [`FLOODED`], and the number of jumps. A channel in doubt that
+/// jumps back moves its neighbours. A single clipped taxel does not disturb: its signal does not
+/// jump.
 type Faults = u32;
 
 /// Bit of strong light, which clips half of the taxels or more.
 const FLOODED: Faults = 1 << 24;
+/// Lowest bit of the number of jumps.
+const JUMPS: u32 = 25;
 
 /// All estimates of one scan.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -441,8 +444,8 @@ impl Finger {
         let record = self.calibration.as_ref();
         let Health { dead, bridge_faults: bridges, .. } = signals.health;
         let strong = if flooded { FLOODED } else { 0 };
-        let faults =
-            Faults::from(dead) | Faults::from(bridges) << 16 | Faults::from(noisy) << 20 | strong;
+        let faults = Faults::from(dead) | Faults::from(bridges) << 16 | Faults::from(noisy) << 20;
+        let faults = faults | strong | Faults::from(state.jumps.jumps()) << JUMPS;
         if faults != state.faults || state.doubt.left > 0 {
             state.doubt_slip(faults, passed);
         }

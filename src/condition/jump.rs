@@ -56,6 +56,8 @@ pub struct JumpWatch {
     scans: u8,
     /// Scans until a reading may be sound again.
     left: u8,
+    /// Jumps, from 0 again after 255.
+    jumps: u8,
     /// Whether no taxel was clipped in the last comparison.
     unclipped: bool,
     /// Whether all four sensors were sound in the last comparison.
@@ -93,6 +95,11 @@ impl JumpWatch {
         if self.doubted != 0 {
             self.mark_doubted(signals, bias, touched);
         }
+    }
+
+    /// Returns a number that differs after a jump.
+    pub fn jumps(&self) -> u8 {
+        self.jumps
     }
 
     /// A clipped reading does not move with the others, neither now nor when it comes back.
@@ -214,6 +221,7 @@ impl JumpWatch {
     #[inline(never)]
     fn doubt(&mut self, jumped: u32, limit: i32) {
         self.left = QUIET;
+        self.jumps = self.jumps.wrapping_add(1);
         self.doubted |= jumped;
         let changes = self.changes.as_flattened().iter();
         for (i, (change, away)) in changes.zip(self.away.as_flattened_mut()).enumerate() {
