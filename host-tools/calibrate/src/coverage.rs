@@ -126,7 +126,7 @@ impl Coverage {
 }
 
 /// Index of the taxel nearest to a place in mm.
-fn nearest(place: [f64; 2]) -> usize {
+pub(crate) fn nearest(place: [f64; 2]) -> usize {
     let distance = |k: usize| {
         let [x, y] = TAXEL_CENTRES[k].map(|c| f64::from(c.0));
         (place[0] - x).hypot(place[1] - y)

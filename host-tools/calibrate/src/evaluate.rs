@@ -15,6 +15,20 @@ use taxel_regress::shear::FORCES;
 
 const POINT: [&str; 2] = ["x_mm", "y_mm"];
 
+/// Status bits that flag a fault.
+pub const FLAGS: [Status; 10] = [
+    Status::UNCALIBRATED,
+    Status::SATURATED,
+    Status::DEAD_TAXEL,
+    Status::BRIDGE_FAULT,
+    Status::OUT_OF_RANGE,
+    Status::STUCK_CHANNEL,
+    Status::NOT_SINGLE,
+    Status::DISAGREE,
+    Status::TEMPERATURE,
+    Status::NOISY,
+];
+
 /// Part of the finger that is evaluated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Only {

@@ -8,7 +8,7 @@
 mod read;
 mod write;
 
-pub use read::{Channels, TraceReader, cut, is_trace, simulated};
+pub use read::{Channels, Others, TraceReader, cut, is_trace, other_columns, simulated};
 pub use write::{TraceHeader, TraceWriter};
 
 use taxel::scan::{COLS, SENSORS, Scan};

@@ -14,6 +14,7 @@ use taxel::finger::{Estimate, Finger, FingerState, SKIN_ERROR};
 use taxel::frame::Status;
 use taxel::measured::Measured;
 use taxel::units::Newtons;
+use taxel_calibrate::evaluate::FLAGS;
 use taxel_files::trace::{Sample, Truth};
 use taxel_regress::range::largest;
 
@@ -21,20 +22,6 @@ use crate::accuracy::{Accuracy, Unseen};
 use crate::counts::Of;
 use crate::device::{CALIBRATION, Device};
 use crate::truth::Beyond;
-
-/// Status bits that flag a fault.
-pub(crate) const FLAGS: [Status; 10] = [
-    Status::UNCALIBRATED,
-    Status::SATURATED,
-    Status::DEAD_TAXEL,
-    Status::BRIDGE_FAULT,
-    Status::OUT_OF_RANGE,
-    Status::STUCK_CHANNEL,
-    Status::NOT_SINGLE,
-    Status::DISAGREE,
-    Status::TEMPERATURE,
-    Status::NOISY,
-];
 
 /// Built-in scene of two contacts.
 const TWO: &str = "two-contacts";

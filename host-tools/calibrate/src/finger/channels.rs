@@ -1,19 +1,21 @@
 //! Table of the recorded channels: which parts of the record each of them serves, or why none.
 
+use serde::Serialize;
 use taxel::scan::SENSORS;
 use taxel_files::trace::Sample;
 
 use super::Fitted;
 use crate::recording::Recording;
 
-/// A group of recorded columns and its use in the fit.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// A group of recorded columns and its use.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Channel {
     /// Columns of the recordings, as in a trace.
     pub columns: String,
     /// Parts of the calibration that use them; empty if none does.
     pub used: Vec<String>,
-    /// Reason why no part uses them; empty if one does.
+    /// Reason why no part uses them, or their faults; empty otherwise.
+    #[serde(skip_serializing_if = "String::is_empty")]
     pub why: String,
 }
 

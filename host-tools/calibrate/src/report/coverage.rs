@@ -112,11 +112,10 @@ mod tests {
 
     fn recording(points: &[(f64, f64)]) -> Vec<Series> {
         let series = |axis: usize, of: fn(&(f64, f64)) -> f64| Series {
-            kind: Kind::Point(axis),
             time: vec![0.0; points.len()],
             reference: points.iter().map(of).collect(),
             estimate: vec![None; points.len()],
-            timed: true,
+            ..Series::empty(Kind::Point(axis))
         };
         vec![series(0, |p| p.0), series(1, |p| p.1)]
     }

@@ -175,7 +175,7 @@ mod tests {
     fn series(axis: usize, reference: Vec<f64>, estimate: Vec<f64>) -> Series {
         let time = (0..reference.len()).map(|i| i as f64 * 1e-3).collect();
         let estimate = estimate.into_iter().map(Some).collect();
-        Series { kind: Kind::Force(axis), time, reference, estimate, timed: true }
+        Series { time, reference, estimate, ..Series::empty(Kind::Force(axis)) }
     }
 
     /// Up and down ten times between 0 and 1.

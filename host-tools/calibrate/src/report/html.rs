@@ -4,9 +4,13 @@ use std::fmt::Write as _;
 
 use super::figures::Figures;
 use super::judge::{Report, Trial};
+use super::map::ErrorMap;
 use super::papers::{ANGLE_DEG, Printed, Requirement};
 use super::plots;
 use super::series::{fine, split_unit};
+use super::stated::{self, Stated};
+use super::verdict::{GIVEN, Judged, NOISE, PRESSES, REACH, SHARE, TABLE_ROWS, Verdict, amount};
+use crate::finger::Channel;
 
 const STYLE: &str = include_str!("report.css");
 
@@ -22,15 +26,23 @@ pub fn page(report: &Report, made: &str, of: &str) -> String {
     let _ = write!(
         page,
         "<!doctype html><html lang=en><meta charset=utf-8>\
-         <meta name=viewport content=\"width=device-width\">\
+         <meta name=viewport content=\"width=device-width\"><meta name=color-scheme content=\"light dark\">\
          <title>{of_whom}</title><style>{STYLE}</style>\
-         <h1>{of_whom}</h1>\
-         <p class=lead>Calibrated {of}, judged {made}. Error is estimate − reference; the estimates are \
+         <h1>{of_whom}</h1>",
+    );
+    verdict(&mut page, report);
+    let _ = write!(
+        page,
+        "<p class=lead>Calibrated {of}, judged {made}. Error is estimate − reference; the estimates are \
          those of the code that runs on the finger.</p>",
         of = escaped(of),
         made = escaped(made),
     );
     warnings(&mut page, &report.warnings);
+    needs(&mut page, &report.verdict.needs);
+    errors(&mut page, &report.errors);
+    stated(&mut page, &report.stated);
+    channels(&mut page, &report.channels);
     overview(&mut page, &report.trials);
     parts(&mut page, report);
     for trial in &report.trials {
@@ -57,6 +69,172 @@ pub fn page(report: &Report, made: &str, of: &str) -> String {
     page += NOTES;
     page += "</html>\n";
     page
+}
+
+/// Writes the uses that the calibration is good for, and those that it is not.
+fn verdict(page: &mut String, report: &Report) {
+    let Verdict { good_for, not_for, not_judged, tested, .. } = &report.verdict;
+    *page += "<section class=verdict>";
+    if !report.simulated.is_empty() {
+        *page += "<p class=simulated><b>Simulated.</b> These figures are of a simulation, not of a real \
+                  finger.";
+        for origin in &report.simulated {
+            let _ = write!(page, " {}.", escaped(origin));
+        }
+        *page += "</p>";
+    }
+    let lists = [("Good for", "good", good_for), ("Not for", "bad", not_for)];
+    for (title, class, uses) in lists.into_iter().chain([("Not judged", "open", not_judged)]) {
+        if uses.is_empty() && class == "open" {
+            continue;
+        }
+        let _ = write!(page, "<h2 class={class}>{title}</h2><ul>");
+        for told in uses {
+            let _ = write!(page, "<li>{}</li>", escaped(told));
+        }
+        if uses.is_empty() {
+            *page += "<li>no use that was judged</li>";
+        }
+        *page += "</ul>";
+    }
+    let _ = write!(page, "<p>{}</p></section>", escaped(tested));
+}
+
+/// Writes every need with the error found, and the rule of the verdict.
+fn needs(page: &mut String, needs: &[Judged]) {
+    let _ = write!(
+        page,
+        "<h2>Needs and errors</h2><p>A need is met if, in every recording, {:.0} % of the loaded rows err \
+         by no more than it, in the worst component. At least {:.0} % of those rows must have a value that \
+         is not flagged, and the labels must span {REACH:.0} times the need. It takes {PRESSES} presses (a \
+         long one counts again each second), or {TABLE_ROWS} rows of a table. Where {NOISE:.0} standard \
+         deviations of the labels' own noise may explain the excess, a need is not judged.</p><table>\
+         <tr><th class=text>quantity<th class=text>use<th>need<th>found<th class=text>verdict</tr>",
+        100.0 * SHARE,
+        100.0 * GIVEN
+    );
+    for need in needs {
+        let (class, verdict) = match need.met {
+            Some(true) => ("good", "met"),
+            Some(false) => ("bad", "not met"),
+            None => ("open", "not judged"),
+        };
+        let why = if need.why.is_empty() { String::new() } else { format!(": {}", need.why) };
+        let _ = write!(
+            page,
+            "<tr><th class=text>{}<td class=text>{}<td>{}<td>{}<td class=text><b class={class}>{verdict}</b>\
+             {}</tr>",
+            escaped(&need.quantity),
+            need.purpose,
+            amount(need.need, need.unit),
+            need.found.map_or("–".into(), |found| amount(found, need.unit)),
+            escaped(&why)
+        );
+    }
+    *page += "</table>";
+}
+
+/// Writes the errors over the pad, coloured by the needs that they meet.
+fn errors(page: &mut String, maps: &[ErrorMap]) {
+    if maps.is_empty() {
+        return;
+    }
+    let _ = write!(
+        page,
+        "<h2>Errors over the pad</h2><p>Each cell is the region around a taxel, x to the right, y up. Upper \
+         number: error that {:.0} % of its loaded rows do not exceed; lower: presses. Colour: the most \
+         demanding need that it meets.</p><div class=maps>",
+        100.0 * SHARE
+    );
+    for map in maps {
+        let _ = write!(
+            page,
+            "<figure><figcaption>{} / {}</figcaption><table class=map>",
+            escaped(&map.quantity),
+            in_words(map.unit)
+        );
+        for (row, cells) in map.cells.iter().enumerate().rev() {
+            let _ = write!(page, "<tr><th>r{row}");
+            for cell in cells {
+                let Some(region) = cell else {
+                    *page += "<td class=none>–";
+                    continue;
+                };
+                let told = amount(region.error, map.unit);
+                let number = told.split(' ').next().unwrap_or_default();
+                let _ = write!(
+                    page,
+                    "<td class=need{}>{number}<small>{}</small>",
+                    map.needs.iter().filter(|need| region.error <= **need).count(),
+                    region.presses
+                );
+            }
+            *page += "</tr>";
+        }
+        *page += "<tr><th><th>c0<th>c1<th>c2<th>c3</tr></table><p class=legend>";
+        for (met, need) in map.needs.iter().enumerate().rev() {
+            let _ =
+                write!(page, "<span class=need{}>≤ {}</span>", met + 1, amount(*need, map.unit));
+        }
+        *page += "<span class=need0>more</span></p></figure>";
+    }
+    *page += "</div>";
+}
+
+/// Unit that [`amount`] says.
+fn in_words(unit: &str) -> &str {
+    if unit == "N" { "mN" } else { unit }
+}
+
+/// Writes the shares of values within one, two and three stated standard deviations.
+fn stated(page: &mut String, all: &[Stated]) {
+    *page += "<h2>Stated errors</h2>";
+    if all.is_empty() {
+        *page += "<p>The finger states no error for what the labels tell.</p>";
+        return;
+    }
+    let [one, two, three] = stated::NORMAL.map(|share| 100.0 * share);
+    let _ = write!(
+        page,
+        "<p>Share of the unflagged values within one, two and three of the standard deviations that they \
+         state; a normal distribution has {one:.1}, {two:.1} and {three:.1} %. Noise of the labels is \
+         added to the stated one.</p><table><tr><th>quantity<th>stated σ, median<th>labels' noise\
+         <th>within 1 σ<th>2 σ<th>3 σ<th>values<th>flagged</tr>"
+    );
+    for found in all {
+        let _ = write!(
+            page,
+            "<tr><th>{}<td>{}<td>{}",
+            short(&found.target),
+            amount(found.median, found.unit),
+            if found.label_noise > 0.0 {
+                amount(found.label_noise, found.unit)
+            } else {
+                "–".into()
+            }
+        );
+        for share in found.within {
+            let _ = write!(page, "<td>{:.1} %", 100.0 * share);
+        }
+        let _ = write!(page, "<td>{}<td>{}</tr>", found.rows, found.flagged);
+    }
+    *page += "</table>";
+}
+
+/// Writes the columns of the recordings with their use.
+fn channels(page: &mut String, channels: &[Channel]) {
+    *page += "<h2>Channels</h2><table><tr><th class=text>columns<th class=text>use</tr>";
+    for Channel { columns, used, why } in channels {
+        let used = match (&used[..], why.as_str()) {
+            ([], why) => format!("<b class=open>not used</b>: {}", escaped(why)),
+            (used, "") => escaped(&used.join(", ")),
+            (used, why) => {
+                format!("{}; <b class=bad>{}</b>", escaped(&used.join(", ")), escaped(why))
+            }
+        };
+        let _ = write!(page, "<tr><th class=text>{}<td class=text>{used}</tr>", escaped(columns));
+    }
+    *page += "</table>";
 }
 
 fn warnings(page: &mut String, warnings: &[String]) {
@@ -300,7 +478,73 @@ fn escaped(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::judge::{About, assemble};
+    use super::super::series::{Kind, Row, Series};
+    use super::super::verdict::of_finger;
     use super::*;
+
+    /// Series of 40 presses of ten rows around the pad, off by up to `error`.
+    fn series(kind: Kind, error: f64) -> Series {
+        let mut series = Series::empty(kind);
+        for row in 0..800_usize {
+            let (press, loaded) = (row / 20, row % 20 < 10);
+            let place = [press % 4, press / 4 % 3].map(|cell| 2.5 * cell as f64 - 3.75);
+            let reference = match series.kind {
+                Kind::Point(axis) => place[axis],
+                _ => 0.2 * (row % 10) as f64,
+            };
+            // A row at the right edge errs three times as much as one in the middle.
+            let off = error * (row % 10) as f64 / 9.0 * if press % 4 == 3 { 3.0 } else { 1.0 };
+            let press = loaded.then_some(press);
+            series.time.push(row as f64 * 1e-2);
+            series.reference.push(if loaded { reference } else { 0.0 });
+            series.estimate.push(Some(if loaded { reference + off } else { 0.0 }));
+            series.sigma.push(loaded.then_some(error));
+            series.rows.push(Row { press, flagged: row == 5, place: loaded.then_some(place) });
+        }
+        series
+    }
+
+    /// Text of a page, a line for each block.
+    fn text(page: &str) -> String {
+        let mut text = String::new();
+        for part in page.split('<').skip(1) {
+            let Some((tag, words)) = part.split_once('>') else { continue };
+            match tag.split(' ').next() {
+                Some("h1" | "h2" | "p" | "li" | "tr" | "figcaption") => text.push('\n'),
+                Some("td" | "th") => text.push_str(" | "),
+                Some("small" | "span") => text.push(' '),
+                Some("style") => continue,
+                _ => {}
+            }
+            text += words.trim_start_matches('\n');
+        }
+        text.lines().map(|line| line.trim_start_matches(" | ").to_owned() + "\n").collect()
+    }
+
+    #[test]
+    fn page_begins_with_verdict_map_and_channels() {
+        let series = [(Kind::Force(2), 0.012), (Kind::Point(0), 0.07), (Kind::Point(1), 0.04)]
+            .map(|(kind, error)| series(kind, error));
+        let trial = Trial::new("unseen.csv".into(), 8.0, 800, series.to_vec());
+        let quantities = of_finger();
+        let about = About { serial: "F-1".into(), date: 0, parts: vec![] };
+        let report = assemble(about, vec![], vec![trial], vec![], (&quantities, true));
+        let used = |columns: &str, used: &[&str], why: &str| Channel {
+            columns: columns.into(),
+            used: used.iter().map(|used| (*used).to_owned()).collect(),
+            why: why.into(),
+        };
+        let channels = vec![
+            used("lit_*, dark_* (16 taxels)", &["net"], "r2c1 dark"),
+            used("slip", &[], "this page judges no slip"),
+        ];
+        let simulated = vec!["unseen.csv is simulated: press".into()];
+        let page = page(&Report { channels, simulated, ..report }, "today", "yesterday");
+        let text = text(&page);
+        let end = text.find("\nThe record\n").unwrap();
+        assert_eq!(text[..end].trim(), include_str!("page.txt").trim());
+    }
 
     #[test]
     fn page_escapes_markup_from_files() {

@@ -1,5 +1,6 @@
 //! Report of a finger's calibration, ready to be printed or drawn.
 
+use crate::finger::Channel;
 use crate::recording::Recording;
 use nalgebra::Matrix3;
 use serde::Serialize;
@@ -8,11 +9,15 @@ use taxel::estimate::array::WrenchMethod;
 use taxel::estimate::quantised::{GROUP, Net};
 use taxel::scan::SENSORS;
 
+use super::channels::channels;
 use super::coverage::{self, Coverage};
 use super::doubts::{self, bridges, condition, taxels};
 use super::figures::{Figures, figures};
+use super::map::{self, ErrorMap};
 use super::papers::{self, Printed, Requirement};
 use super::series::{self, Kind, Series};
+use super::stated::{Stated, stated};
+use super::verdict::{self, Quantity, Verdict, verdict};
 
 /// Columns of a force's components.
 const FORCES: [&str; 3] = ["fx_n", "fy_n", "fz_n"];
@@ -22,12 +27,22 @@ const LEAST_FORCE: f64 = 0.3;
 /// Report of a calibration.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
+    /// Uses that the measured errors allow.
+    pub verdict: Verdict,
+    /// Origin of each simulated recording, in full sentences.
+    pub simulated: Vec<String>,
     /// Contents of the calibration.
     pub about: About,
     /// Warnings, in full sentences.
     pub warnings: Vec<String>,
     /// Results on each judged recording.
     pub trials: Vec<Trial>,
+    /// Error of force and place by region of the pad.
+    pub errors: Vec<ErrorMap>,
+    /// Coverage of the stated errors.
+    pub stated: Vec<Stated>,
+    /// Columns of the recordings and their use.
+    pub channels: Vec<Channel>,
     /// Coverage of the measuring range by the recordings.
     pub coverage: Vec<Coverage>,
     /// Figures that the papers print for such sensors.
@@ -105,17 +120,22 @@ pub fn judge(calibration: &Calibration, judged: &[Recording], fitted: &[Recordin
     let heard: Vec<Vec<Series>> = trials.iter().map(|trial| trial.series.clone()).collect();
     let coverage = coverage::maps(&seen, &heard);
     let mut warnings = doubts::not_held_out(judged, fitted);
+    let held_out = warnings.is_empty();
     warnings.extend(doubts::doubts(calibration, fitted));
     let about = about(calibration, if fitted.is_empty() { judged } else { fitted });
-    assemble(about, warnings, trials, coverage)
+    let report = assemble(about, warnings, trials, coverage, (&verdict::of_finger(), held_out));
+    Report { channels: channels(calibration, judged), ..report }
 }
 
-/// Assembles the report and adds warnings about coverage.
+/// Assembles the report with its verdict and adds warnings about coverage.
+///
+/// The calibration was fitted to none of the trials if they are `held_out`.
 pub(crate) fn assemble(
     about: About,
     mut warnings: Vec<String>,
     trials: Vec<Trial>,
     coverage: Vec<Coverage>,
+    (quantities, held_out): (&[Quantity], bool),
 ) -> Report {
     for map in &coverage {
         if let Some(percent) = map.beyond_percent
@@ -128,7 +148,13 @@ pub(crate) fn assemble(
             ));
         }
     }
+    let stated = stated(&trials);
     Report {
+        verdict: verdict(quantities, &trials, &stated, held_out),
+        simulated: Vec::new(),
+        errors: map::maps(quantities, &trials),
+        stated,
+        channels: Vec::new(),
         about,
         papers: papers::PRINTED.to_vec(),
         requirements: requirements(&trials),

@@ -1,8 +1,9 @@
 //! Series of references and estimates, row by row, by the arithmetic of the chip.
 
+use crate::evaluate::FLAGS;
 use crate::recording::Recording;
 use taxel::calibration::Calibration;
-use taxel::estimate::Force;
+use taxel::estimate::{Force, Uncertainty};
 use taxel::finger::{Estimate, Finger};
 use taxel::frame::Status;
 use taxel::scan::SENSORS;
@@ -103,12 +104,55 @@ pub struct Series {
     pub estimate: Vec<Option<f64>>,
     /// Whether the recording has times.
     pub timed: bool,
+    /// Standard deviation that each estimate states; empty for a table.
+    pub(crate) sigma: Vec<Option<f64>>,
+    /// Circumstances of each row; empty for a table.
+    pub(crate) rows: Vec<Row>,
+    /// Standard deviation of the reference at rest; zero if it is exact or unknown.
+    pub(crate) label_noise: f64,
+}
+
+/// Circumstances of a row.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Row {
+    /// Number of the press, counted again after each second of it; `None` without a load.
+    pub press: Option<usize>,
+    /// Whether the finger flags a fault.
+    pub flagged: bool,
+    /// Labelled contact point, else the estimated one.
+    pub place: Option<[f64; 2]>,
 }
 
 impl Series {
+    /// Series without rows.
+    pub(crate) fn empty(kind: Kind) -> Self {
+        Self {
+            kind,
+            time: Vec::new(),
+            reference: Vec::new(),
+            estimate: Vec::new(),
+            timed: true,
+            sigma: Vec::new(),
+            rows: Vec::new(),
+            label_noise: 0.0,
+        }
+    }
+
     /// Reference and error of every row with an estimate.
     pub(crate) fn errors(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
         self.reference.iter().zip(&self.estimate).filter_map(|(r, e)| Some((*r, (*e)? - r)))
+    }
+
+    /// Loaded rows with their errors, `None` without a value or with a flagged one.
+    ///
+    /// All rows of a table count as loaded.
+    pub(crate) fn loaded(&self) -> impl Iterator<Item = (Row, Option<f64>)> + '_ {
+        let pairs = self.reference.iter().zip(&self.estimate).enumerate();
+        pairs.filter_map(|(i, (reference, estimate))| {
+            let row = self.rows.get(i).copied().unwrap_or_default();
+            let error = estimate.filter(|_| !row.flagged).map(|estimate| estimate - reference);
+            (self.rows.is_empty() || row.press.is_some()).then_some((row, error))
+        })
     }
 
     /// Largest minus smallest reference.
@@ -127,25 +171,60 @@ pub(crate) fn extent(values: impl Iterator<Item = f64>) -> (f64, f64) {
 ///
 /// On the bench, with only one calibrated sensor, `fx_n` … are the force on that sensor.
 pub(crate) fn run(calibration: &Calibration, recording: &Recording) -> Vec<Series> {
-    let mut all: Vec<Series> = Kind::all()
-        .map(|kind| Series { kind, time: vec![], reference: vec![], estimate: vec![], timed: true })
-        .collect();
+    let mut all: Vec<Series> = Kind::all().map(Series::empty).collect();
+    let noise = recording.reference_noise();
+    for series in &mut all {
+        if let Kind::Force(axis) = series.kind {
+            series.label_noise = noise[axis];
+        }
+    }
     let (finger, mut state) = Finger::new(Some(calibration.clone()));
     let bench = bench_sensor(calibration);
     let begin = recording.samples.first().map_or(0, |sample| sample.scan.time.0);
-    for sample in &recording.samples {
+    let presses = presses(recording);
+    for (sample, press) in recording.samples.iter().zip(presses) {
         let estimate = finger.estimate(&mut state, &sample.scan);
         let time = sample.scan.time.0.saturating_sub(begin) as f64 * 1e-6;
+        let place = match sample.truth.point {
+            [Some(x), Some(y)] => Some([x, y]),
+            _ => estimate.point.ok().map(|point| [point.x, point.y].map(|c| f64::from(c.0))),
+        };
+        let flagged = FLAGS.iter().any(|flag| estimate.status.contains(*flag));
         for series in &mut all {
             if let Some(reference) = reference(&series.kind, sample, &estimate) {
                 series.time.push(time);
                 series.reference.push(reference);
                 series.estimate.push(said(&series.kind, &estimate, bench).map(f64::from));
+                series.sigma.push(stated(&series.kind, &estimate, bench).map(f64::from));
+                series.rows.push(Row { press, flagged, place });
             }
         }
     }
     all.retain(|series| series.estimate.iter().any(Option::is_some));
     all
+}
+
+/// Number of the press of each row.
+///
+/// A press is a run of loaded rows. It counts again after each second, because a long slide shows
+/// as much as many presses.
+fn presses(recording: &Recording) -> Vec<Option<usize>> {
+    const SECOND_US: u64 = 1_000_000;
+    let touched = recording.touched().unwrap_or_else(|| vec![false; recording.samples.len()]);
+    let mut number = 0;
+    let mut began = None;
+    let rows = recording.samples.iter().zip(touched).map(|(sample, touched)| {
+        if !touched {
+            began = None;
+            return None;
+        }
+        let now = sample.scan.time.0;
+        if began.is_none_or(|began: u64| now.saturating_sub(began) >= SECOND_US) {
+            (began, number) = (Some(now), number + 1);
+        }
+        Some(number)
+    });
+    rows.collect()
 }
 
 fn bench_sensor(calibration: &Calibration) -> Option<usize> {
@@ -182,5 +261,17 @@ fn said(kind: &Kind, estimate: &Estimate, bench: Option<usize>) -> Option<f32> {
         Kind::Point(axis) => estimate.point.ok().map(|point| [point.x, point.y][*axis].0),
         Kind::Sensor(sensor, axis) => component(&estimate.sensors[*sensor], *axis),
         Kind::Column(_) => None,
+    }
+}
+
+/// Standard deviation that an estimate states. A single force sensor states none.
+fn stated(kind: &Kind, estimate: &Estimate, bench: Option<usize>) -> Option<f32> {
+    let Uncertainty { force, point, .. } = estimate.uncertainty.as_ref().ok()?;
+    match kind {
+        Kind::Force(axis) if bench.is_none() => {
+            [force.x, force.y, force.z][*axis].ok().map(|newtons| newtons.0)
+        }
+        Kind::Point(axis) => point.ok().map(|point| [point.x, point.y][*axis].0),
+        _ => None,
     }
 }

@@ -8,6 +8,8 @@ use super::coverage;
 use super::doubts::{self, alike, condition};
 use super::judge::{About, Part, Report, Trial, assemble};
 use super::series::{Kind, Series, split_unit};
+use super::verdict;
+use crate::finger::Channel;
 
 /// Names of the inputs' principal directions, the axes of their map.
 const DIRECTIONS: [&str; 2] = ["inputs, first direction", "inputs, second direction"];
@@ -24,6 +26,7 @@ pub fn judge(model: &TableModel, judged: &[TableRecording], fitted: &[TableRecor
         .filter(|recording| fitted.iter().any(|fitted| is_part_of(recording, fitted)))
         .map(|recording| doubts::no_forecast(&recording.name()))
         .collect();
+    let held_out = warnings.is_empty();
     warnings.extend(doubts(model, fitted));
     for recording in judged {
         let rows = recording.inputs.rows.len();
@@ -37,7 +40,18 @@ pub fn judge(model: &TableModel, judged: &[TableRecording], fitted: &[TableRecor
     }
     let coverage =
         coverage::over(&pairs(model), &mapped(model, fitted, known), &mapped(model, judged, known));
-    assemble(about(model, known), warnings, trials, coverage)
+    let quantities = verdict::of_table(&model.targets);
+    let report = assemble(about(model, known), warnings, trials, coverage, (&quantities, held_out));
+    let channel = |columns: String, used: &str| Channel {
+        columns,
+        used: vec![used.into()],
+        why: String::new(),
+    };
+    let channels = vec![
+        channel(model.inputs.join(", "), "inputs of the model"),
+        channel(model.targets.join(", "), "labels that this page judges by"),
+    ];
+    Report { channels, ..report }
 }
 
 /// Series of every target of a recording with the model's estimates.
@@ -49,11 +63,11 @@ pub(crate) fn series(model: &TableModel, recording: &TableRecording) -> Vec<Seri
         (0..rows.len()).map(|i| if timed { times[i] - begin } else { i as f64 }).collect();
     let said: Vec<Vec<f32>> = rows.iter().map(|row| model.estimate(&single(row))).collect();
     let column = |(k, name): (usize, &String)| Series {
-        kind: Kind::Column(name.clone()),
         time: time.clone(),
         reference: recording.targets.rows.iter().map(|row| row[k]).collect(),
         estimate: said.iter().map(|row| row.get(k).map(|said| f64::from(*said))).collect(),
         timed,
+        ..Series::empty(Kind::Column(name.clone()))
     };
     model.targets.iter().enumerate().map(column).collect()
 }
@@ -130,16 +144,14 @@ fn mapped(
 ) -> Vec<Vec<Series>> {
     let Some(directions) = directions(&centred(known)) else { return Vec::new() };
     let along = |recording: &TableRecording, i: usize| Series {
-        kind: Kind::Column(DIRECTIONS[i].into()),
-        time: Vec::new(),
         reference: recording
             .inputs
             .rows
             .iter()
             .map(|row| row.iter().zip(&directions[i]).map(|(x, d)| x * d).sum())
             .collect(),
-        estimate: Vec::new(),
         timed: false,
+        ..Series::empty(Kind::Column(DIRECTIONS[i].into()))
     };
     let all = |recording: &TableRecording| {
         let mut all = series(model, recording);

@@ -10,7 +10,8 @@ use taxel::scan::{COLS, Codes, Midpoints, ROWS, SENSORS, Scan, TaxelCodes};
 use taxel::units::{Code, FullScale, Micros};
 
 use super::{
-    SIMULATED_KEY, Sample, TRUTH_COLUMNS, Truth, bridge_names, sensor_truth_names, taxel_names,
+    SIMULATED_KEY, Sample, TRUTH_COLUMNS, Truth, bridge_names, is_code, sensor_truth_names,
+    taxel_names,
 };
 use crate::error::FileError;
 use crate::lines::Lines;
@@ -150,13 +151,45 @@ pub fn cut<S: Iterator<Item = Result<Sample, FileError>>>(
 /// # Errors
 /// The file cannot be read, or is empty.
 pub fn is_trace(path: impl AsRef<Path>) -> Result<bool, FileError> {
-    let path = path.as_ref();
+    let names = header(path.as_ref())?;
+    Ok(names.iter().any(|name| name == "t_us")
+        && names.iter().any(|name| name.starts_with("lit_r") || name.starts_with("bridge_s")))
+}
+
+/// Columns of a trace besides codes and truth.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Others {
+    /// Names that a trace does not know.
+    Unknown(Vec<String>),
+    /// Estimates of recorded frames.
+    Frames,
+}
+
+/// Lists the columns of a trace that its reader skips.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn other_columns(path: impl AsRef<Path>) -> Result<Others, FileError> {
+    let names = header(path.as_ref())?;
+    if names.iter().any(|name| name == "seq") {
+        return Ok(Others::Frames);
+    }
+    let sensors: Vec<String> = (0..SENSORS).flat_map(sensor_truth_names).collect();
+    let known = |name: &str| {
+        name == "t_us"
+            || is_code(name)
+            || TRUTH_COLUMNS.contains(&name)
+            || sensors.iter().any(|sensor| sensor == name)
+    };
+    Ok(Others::Unknown(names.iter().filter(|name| !known(name)).map(str::to_owned).collect()))
+}
+
+/// Reads the header line of a table or trace.
+fn header(path: &Path) -> Result<StringRecord, FileError> {
     let file = File::open(path).map_err(|error| FileError::io(path, &error))?;
     let mut names = StringRecord::new();
     let header = Lines::new(BufReader::new(file), path).next(&mut names, |_, _| Ok(()))?;
-    header.ok_or_else(|| empty(path))?;
-    Ok(names.iter().any(|name| name == "t_us")
-        && names.iter().any(|name| name.starts_with("lit_r") || name.starts_with("bridge_s")))
+    header.ok_or_else(|| empty(path)).map(|_| names)
 }
 
 /// Returns how a table or trace was simulated; `None` unless its comments say so.

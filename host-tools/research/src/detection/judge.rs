@@ -6,7 +6,7 @@ use taxel::scan::TAXELS;
 
 use super::bench::{Phase, Run, WANTED};
 use crate::faults::{Fault, RATE_HZ, unflat};
-use crate::mapped::FLAGS;
+use taxel_calibrate::evaluate::FLAGS;
 
 /// Flags that report a fault of a channel; the first is that of a clipped taxel.
 pub(super) const FAULTS: [Status; 5] = [

@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use taxel::condition::LagCompensation;
+use taxel_calibrate::finger::Channel;
 use taxel_calibrate::recording::Recording;
 use taxel_calibrate::reference::DOUBTFUL;
-use taxel_files::recording::Scans;
+use taxel_files::recording::{Header, Scans};
 use taxel_files::stretch::Stretch;
 use taxel_files::{table, trace};
 use taxel_regress::align::Alignment;
@@ -44,7 +45,7 @@ pub struct Aligned {
     lag_s: Option<f64>,
     /// Columns of the reference that nothing reads.
     #[serde(skip)]
-    pub unused: Vec<String>,
+    unused: Vec<String>,
     /// Whether the reference is of a finger, not of a table.
     #[serde(skip)]
     finger: bool,
@@ -83,6 +84,57 @@ impl Aligned {
             self.correlation
         )
     }
+}
+
+/// Columns of a six-axis load cell besides the forces.
+const MOMENTS: [&str; 3] = ["mx_nmm", "my_nmm", "mz_nmm"];
+
+/// Columns of the references that nothing reads: moments, and all others.
+pub fn unused(alignments: &[Aligned]) -> impl Iterator<Item = Channel> {
+    let mut names: Vec<&str> = Vec::new();
+    for name in alignments.iter().flat_map(|aligned| &aligned.unused) {
+        if !names.contains(&name.as_str()) {
+            names.push(name);
+        }
+    }
+    let (moments, others): (Vec<&str>, Vec<&str>) =
+        names.into_iter().partition(|name| MOMENTS.contains(name));
+    let moments = leftover(
+        &moments,
+        "no moments are read; give contact points as x_mm, y_mm in the recording",
+    );
+    let others = leftover(&others, "of a --reference log, fx_n, fy_n, fz_n and the time are read");
+    moments.into_iter().chain(others)
+}
+
+/// Entry for columns that nothing uses; `None` without any.
+fn leftover(columns: &[&str], why: &str) -> Option<Channel> {
+    let columns = columns.join(", ");
+    (!columns.is_empty()).then(|| Channel { columns, used: Vec::new(), why: why.to_owned() })
+}
+
+/// Columns of the recordings that are neither codes nor labels.
+///
+/// A file cannot be read.
+pub fn other_columns(data: &[Stretch]) -> anyhow::Result<Vec<Channel>> {
+    let mut names: Vec<String> = Vec::new();
+    let mut estimates = false;
+    for path in data.iter().map(|stretch| &stretch.path) {
+        if is_packed(path) {
+            estimates = true;
+            continue;
+        }
+        match trace::other_columns(path)? {
+            trace::Others::Unknown(unknown) => names.extend(unknown),
+            trace::Others::Frames => estimates = true,
+        }
+    }
+    names.sort();
+    names.dedup();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let frames: &[&str] = if estimates { &["estimates recorded with the codes"] } else { &[] };
+    let computed = leftover(frames, "they are computed again, with this calibration");
+    Ok(leftover(&names, "no such column of a trace is known").into_iter().chain(computed).collect())
 }
 
 /// Reads traces of a finger, or recordings of its codes. Each must have rows. `references` is
@@ -208,12 +260,19 @@ fn words(list: &[String]) -> Vec<&str> {
 }
 
 /// Sentences on those recordings that say that they were simulated.
+///
+/// A file cannot be read.
 pub fn simulated(data: &[Stretch]) -> anyhow::Result<Vec<String>> {
     let mut notes = Vec::new();
     for Stretch { path, .. } in data {
-        if path.extension().is_some_and(|extension| extension == "csv")
-            && let Some(origin) = taxel_files::trace::simulated(path)?
-        {
+        let commented = if is_packed(path) { None } else { trace::simulated(path)? };
+        let origin = match commented {
+            None if is_packed(path) || trace::is_trace(path)? => {
+                recorded(&Scans::open(path)?.header)
+            }
+            commented => commented,
+        };
+        if let Some(origin) = origin {
             let note = format!("{} is simulated: {origin}", path.display());
             if !notes.contains(&note) {
                 notes.push(note);
@@ -221,4 +280,13 @@ pub fn simulated(data: &[Stretch]) -> anyhow::Result<Vec<String>> {
         }
     }
     Ok(notes)
+}
+
+/// Returns how a recording was simulated; `None` for that of a real finger.
+fn recorded(header: &Header) -> Option<String> {
+    match (header.fact("simulated"), header.fact("board")) {
+        ("", "virtual") => Some(format!("virtual finger {}", header.fact("serial"))),
+        ("", _) => None,
+        (origin, _) => Some(origin.to_owned()),
+    }
 }

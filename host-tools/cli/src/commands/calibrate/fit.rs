@@ -114,9 +114,6 @@ impl From<NetForm> for Form {
     }
 }
 
-/// Columns of a six-axis load cell besides the forces.
-const MOMENTS: [&str; 3] = ["mx_nmm", "my_nmm", "mz_nmm"];
-
 const EXAMPLES: &str = "\
 Examples:
   taxel calibrate fit --data presses.csv --reference cell.csv --out finger.toml
@@ -145,7 +142,7 @@ struct Outcome {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     choices: Vec<String>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    channels: Vec<Used>,
+    channels: Vec<Channel>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     alignments: Vec<Aligned>,
     warnings: Vec<String>,
@@ -170,41 +167,6 @@ impl Outcome {
             interrupted: false,
         }
     }
-}
-
-/// Use of a group of recorded columns.
-#[derive(Serialize)]
-struct Used {
-    columns: String,
-    used: Vec<String>,
-    #[serde(skip_serializing_if = "String::is_empty")]
-    why: String,
-}
-
-impl From<Channel> for Used {
-    fn from(Channel { columns, used, why }: Channel) -> Self {
-        Self { columns, used, why }
-    }
-}
-
-/// Columns of the references that no fit reads: moments, and all others.
-fn unused(alignments: &[Aligned]) -> impl Iterator<Item = Used> {
-    let mut names: Vec<&str> = Vec::new();
-    for name in alignments.iter().flat_map(|aligned| &aligned.unused) {
-        if !names.contains(&name.as_str()) {
-            names.push(name);
-        }
-    }
-    let (moments, others): (Vec<&str>, Vec<&str>) =
-        names.into_iter().partition(|name| MOMENTS.contains(name));
-    let used = |columns: Vec<&str>, why: &str| {
-        let columns = columns.join(", ");
-        (!columns.is_empty()).then(|| Used { columns, used: Vec::new(), why: why.to_owned() })
-    };
-    let moments =
-        used(moments, "no moments are read; give contact points as x_mm, y_mm in the recording");
-    let others = used(others, "of a --reference log, fx_n, fy_n, fz_n and the time are read");
-    moments.into_iter().chain(others)
 }
 
 /// Part of a calibration that was fitted.
@@ -392,8 +354,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 /// Writes a finger's calibration.
 fn finish(args: &Args, fitted: Fitted, alignments: Vec<Aligned>) -> anyhow::Result<Outcome> {
     calibration::write(&args.out, &fitted.calibration)?;
-    let mut channels: Vec<Used> = fitted.channels.into_iter().map(Used::from).collect();
-    channels.extend(unused(&alignments));
+    let mut channels = fitted.channels;
+    channels.extend(data::unused(&alignments));
     let outcome = Outcome::new(args, fitted.parts, alignments, fitted.warnings);
     Ok(Outcome { channels, choices: fitted.choices, ..outcome })
 }
@@ -508,9 +470,9 @@ fn report(outcome: Outcome, json: bool, unseen: bool) -> anyhow::Result<()> {
 }
 
 /// Prints the table of the recorded channels: used for what, or not and why.
-fn print_channels(channels: &[Used]) -> anyhow::Result<()> {
+fn print_channels(channels: &[Channel]) -> anyhow::Result<()> {
     let width = channels.iter().map(|channel| channel.columns.len()).max().unwrap_or(0);
-    for Used { columns, used, why } in channels {
+    for Channel { columns, used, why } in channels {
         let verdict = if used.is_empty() {
             format!("not used: {why}")
         } else {

@@ -12,9 +12,9 @@ use taxel_regress::table::TableModel;
 use super::{data, now};
 use crate::output::{self, Overwrite};
 
-/// Writes an HTML page on a calibration's accuracy: figures, plots, coverage, warnings.
+/// Writes an HTML page on a calibration: verdict, errors over the pad, figures, plots, warnings.
 ///
-/// Each --data is a recording that the calibration was not fitted to. Its reference columns are
+/// Verdict and page begin with what the finger is good for, by needs that the page lists. Each --data is a recording that the calibration was not fitted to. Its reference columns are
 /// compared with the finger's estimates, next to the papers' tables. With --fitted-to the page
 /// shows the range of those recordings, and warns where they cannot support the calibration.
 #[derive(clap::Args)]
@@ -66,7 +66,10 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             let judged = data::traces(&args.data, &args.reference, calibration.lag)?;
             let fitted = data::traces(&args.fitted_to, &args.fitted_reference, calibration.lag)?;
             judged.note();
-            judge(&calibration, &judged.recordings, &fitted.recordings)
+            let mut report = judge(&calibration, &judged.recordings, &fitted.recordings);
+            report.channels.extend(data::other_columns(&args.data)?);
+            report.channels.extend(data::unused(&judged.alignments));
+            report
         }
         Kind::Table => {
             let model: TableModel = calibration::read_table(&args.calibration)?;
@@ -87,12 +90,12 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             trial.recording
         );
     }
-    report.warnings.extend(data::simulated(&args.data)?);
+    report.simulated = data::simulated(&args.data)?;
     let date =
         |seconds| format_rfc3339_seconds(UNIX_EPOCH + Duration::from_secs(seconds)).to_string();
     let page = html::page(&report, &date(now()), &date(report.about.date));
     taxel_files::save(&args.out, page)?;
-    for warning in &report.warnings {
+    for warning in report.warnings.iter().chain(&report.simulated) {
         output::note(format_args!("taxel: warning: {warning}"));
     }
     if args.json {
