@@ -6,6 +6,7 @@
 //!   [`limit_surface`].
 //! - [`evaluate::finger`] judges a record on an unseen recording, by the arithmetic of the chip;
 //!   [`report`] presents the result.
+//! - [`guide`] tells the person who presses what a recording still lacks.
 //! - [`adjust`] corrects a record in place, from a few presses with known weights.
 //!
 //! Tables of other sensors are fitted by [`taxel_regress`].
@@ -16,6 +17,7 @@ mod augment;
 pub mod coverage;
 pub mod evaluate;
 pub mod finger;
+pub mod guide;
 pub mod inverse;
 mod lag;
 pub mod limit_surface;

@@ -1,5 +1,6 @@
 //! Loop over a finger's stream, from start to end, with counts and a progress bar.
 
+use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -50,11 +51,13 @@ pub enum Next<'n> {
     Frame(&'n Received),
     /// Finger that is connected again.
     Again(&'n Client),
+    /// Words of the progress, to which more can be added.
+    Progress(&'n mut String),
 }
 
-/// Passes the frames of a connected finger to `each`, for `duration` or until Ctrl-C. The finger
-/// must not stream yet, and streams until [`leave`]. If it is unplugged and `awaited`, it is waited
-/// for, with a note on standard error; otherwise the stream ends.
+/// Passes the frames of a connected finger to `each` until it breaks off, for `duration` or until
+/// Ctrl-C. The finger must not stream yet, and streams until [`leave`]. If it is unplugged and
+/// `awaited`, it is waited for, with a note on standard error; otherwise the stream ends.
 ///
 /// Errors of `each`, or of starting the stream. A link that breaks later is no error; see
 /// [`Ended`].
@@ -63,7 +66,7 @@ pub fn run(
     awaited: bool,
     duration: Option<f64>,
     interrupt: &Interrupt,
-    mut each: impl FnMut(Next<'_>) -> anyhow::Result<()>,
+    mut each: impl FnMut(Next<'_>) -> anyhow::Result<ControlFlow<()>>,
 ) -> anyhow::Result<Ended> {
     let mut client = finger.client();
     client.iter().try_for_each(|client| client.stream(true))?;
@@ -89,9 +92,13 @@ pub fn run(
                 bar.set_position(millis(tally.duration_s()));
                 if awaited && told.elapsed() >= TELL {
                     told = Instant::now();
-                    bar.set_message(tally.progress(client.as_deref()));
+                    let mut words = tally.progress(client.as_deref());
+                    let _ = each(Next::Progress(&mut words))?;
+                    bar.set_message(words);
                 }
-                each(Next::Frame(&received))?;
+                if each(Next::Frame(&received))?.is_break() {
+                    break None;
+                }
             }
             Event::Connecting => {
                 if enough(tally.duration_s() + heard.elapsed().as_secs_f64()) {
@@ -109,7 +116,7 @@ pub fn run(
                 if finger.bias_lost() {
                     note(format!("{}: the finger lost its bias; take it again", finger.port()));
                 }
-                each(Next::Again(&again))?;
+                let _ = each(Next::Again(&again))?;
                 client = Some(again);
             }
             Event::Disconnected(error) if awaited => {

@@ -1,16 +1,17 @@
-//! `taxel calibrate`: fits, evaluates, adjusts and transfers calibrations.
+//! `taxel calibrate`: records for, fits, evaluates, adjusts and transfers calibrations.
 
 mod adjust;
 mod compare;
 mod data;
 mod evaluate;
 mod fit;
+mod record;
 mod report;
 mod transfer;
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Fits, evaluates, adjusts and transfers calibrations.
+/// Records for, fits, evaluates, adjusts and transfers calibrations.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -20,13 +21,15 @@ pub struct Args {
 
 const EXAMPLES: &str = "\
 Examples, from a recorded press to a finger that says newtons:
-  taxel calibrate fit --data presses.csv --data shear.csv --out finger.toml
+  taxel calibrate record --out presses.mcap
+  taxel calibrate fit --data presses.mcap --reference cell.csv --out finger.toml
   taxel calibrate evaluate --data unseen.csv --calibration finger.toml
   taxel calibrate upload --calibration finger.toml
   taxel calibrate adjust --data weights.csv --calibration finger.toml --out today.toml";
 
 #[derive(clap::Subcommand)]
 enum Command {
+    Record(record::Args),
     Fit(fit::Args),
     Evaluate(evaluate::Args),
     Report(report::Args),
@@ -41,6 +44,7 @@ enum Command {
 /// The subcommand failed.
 pub fn run(args: Args) -> anyhow::Result<()> {
     match args.command {
+        Command::Record(args) => record::run(args),
         Command::Fit(args) => fit::run(args),
         Command::Evaluate(args) => evaluate::run(args),
         Command::Report(args) => report::run(args),

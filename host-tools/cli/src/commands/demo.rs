@@ -7,6 +7,7 @@ mod emulated;
 mod live;
 mod score;
 
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -137,13 +138,13 @@ fn perform(mut finger: impl Performer, args: &Args, interrupt: &Interrupt) -> an
     let mut score = Score::default();
     let memory_start = resident();
     let ended = stream::run(&steady, false, args.duration, interrupt, |next| {
-        let Next::Frame(received) = next else { return Ok(()) };
+        let Next::Frame(received) = next else { return Ok(ControlFlow::Continue(())) };
         if let Some(truth) = finger.truth(&received.frame) {
             score.add(&received.frame, &truth);
         }
         live.show(received, &client.counts());
         page.iter().for_each(|(_, tap)| tap.take(received));
-        Ok(())
+        Ok(ControlFlow::Continue(()))
     })?;
     live.clear();
     let page = page.map(|(server, _)| server);

@@ -1,12 +1,14 @@
 //! `taxel record`: writes the stream to files.
 
 use std::io::IsTerminal;
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::bail;
 use taxel::frame::Fields;
 use taxel::frame::schema::FIELD_NAMES;
+use taxel::wire::message::Info;
 use taxel_client::{Client, LinkError, Port, Problem, ReconnectingClient, RoundTrips, fields};
 
 use crate::Files;
@@ -30,33 +32,33 @@ use crate::{output, stream};
 #[command(after_help = EXAMPLES)]
 pub struct Args {
     #[command(flatten)]
-    port: PortArg,
+    pub port: PortArg,
     /// File to write; may be given more than once.
     #[arg(long, value_name = "FRAMES.mcap", required = true)]
-    out: Vec<PathBuf>,
+    pub out: Vec<PathBuf>,
     #[command(flatten)]
-    overwrite: Overwrite,
+    pub overwrite: Overwrite,
     /// Seconds of device time to record.
     #[arg(long, value_name = "SEC", value_parser = stream::seconds)]
-    duration: Option<f64>,
+    pub duration: Option<f64>,
     #[arg(long, value_name = "LIST", value_parser = fields::parse, help = format!(
         "Fields to record, with commas between: {FIELD_NAMES} [default: as the finger is set, \
          and codes]"
     ))]
-    fields: Option<Fields>,
+    pub fields: Option<Fields>,
     /// Frames a second [default: as the finger is set].
     #[arg(long, value_name = "HZ", value_parser = checked_by_finger)]
-    rate: Option<u16>,
+    pub rate: Option<u16>,
     /// Hold an LED row on in every step, to test the wiring: codes are those of this row, and there
     /// are no estimates. Ends with the recording.
     #[arg(long, value_name = "ROW", value_parser = clap::value_parser!(u8).range(0..4))]
-    hold_row: Option<u8>,
+    pub hold_row: Option<u8>,
     /// Serve the live page at this address during the recording; prints its URL.
     #[arg(long, value_name = "HOST:PORT", value_parser = address)]
-    page: Option<String>,
+    pub page: Option<String>,
     /// Print the summary as JSON.
     #[arg(long)]
-    json: bool,
+    pub json: bool,
 }
 
 const EXAMPLES: &str = "\
@@ -70,6 +72,16 @@ Examples:
 ///
 /// The finger cannot be reached or is unplugged, or the file cannot be written.
 pub fn run(args: Args) -> anyhow::Result<()> {
+    guided(args, |_, _| Ok(ControlFlow::Continue(())))
+}
+
+/// Records until `guide` breaks off, which sees every item of the stream after it was written.
+///
+/// As [`run`], and what `guide` reports.
+pub fn guided(
+    args: Args,
+    mut guide: impl FnMut(&Info, Next<'_>) -> anyhow::Result<ControlFlow<()>>,
+) -> anyhow::Result<()> {
     if let Port::File(trace) = &args.port.port {
         args.out.iter().try_for_each(|out| output::keep([trace.as_path()], out, args.overwrite))?;
     }
@@ -90,7 +102,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     // The page adds the taxels to the fields, so that the files have them as well.
     let page = args.page.as_deref().map(|address| page(&steady, Some(address))).transpose()?;
     page.iter().for_each(|(server, _)| output::note(server.url()));
-    let serial = steady.remember(&client)?.identity.serial;
+    let info = steady.remember(&client)?;
     let mut files = Files::create(&client, &args.out, args.overwrite.existing())?;
     let names: Vec<_> = args.out.iter().map(|out| out.display().to_string()).collect();
     let names = names.join(", ");
@@ -100,24 +112,28 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     // Measured in its own thread, because a round trip blocks until the reply and frames must not
     // wait.
     let echoes = RoundTrips::of(&steady);
-    let recorded = stream::run(&steady, true, args.duration, &interrupt, |next| match next {
-        Next::Frame(received) => {
-            echoes.try_iter().for_each(|echo| files.echo(echo));
-            page.iter().for_each(|(_, tap)| tap.take(received));
-            Ok(files.write(received)?)
-        }
-        Next::Again(client) => {
-            let other = client.info()?.identity.serial;
-            if other != serial {
-                bail!("{}: another finger, {other}, instead of {serial}", client.port());
+    let recorded = stream::run(&steady, true, args.duration, &interrupt, |next| {
+        match &next {
+            Next::Frame(received) => {
+                echoes.try_iter().for_each(|echo| files.echo(echo));
+                page.iter().for_each(|(_, tap)| tap.take(received));
+                files.write(received)?;
             }
-            if args.hold_row.is_some() {
-                client.hold_row(args.hold_row)?;
+            Next::Again(client) => {
+                let other = client.info()?.identity.serial;
+                let serial = &info.identity.serial;
+                if other != *serial {
+                    bail!("{}: another finger, {other}, instead of {serial}", client.port());
+                }
+                if args.hold_row.is_some() {
+                    client.hold_row(args.hold_row)?;
+                }
+                files.reconnected();
+                page.iter().for_each(|(_, tap)| tap.again(client));
             }
-            files.reconnected();
-            page.iter().for_each(|(_, tap)| tap.again(client));
-            Ok(())
+            Next::Progress(_) => {}
         }
+        guide(&info, next)
     });
     interrupt.finishing();
     let finished = waiting(format!("writing {names}"), || files.finish());

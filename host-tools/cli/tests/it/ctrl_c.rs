@@ -173,6 +173,26 @@ fn endless_work_ends_within_a_second() {
     assert!(frames.iter().all(|count| *count == frames[0]), "{frames:?}");
 }
 
+#[test]
+fn guided_recording_shows_its_map_and_is_whole_after_ctrl_c() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = directory.path();
+    let line = "calibrate record --port sim:presses --out presses.mcap --out presses.csv";
+    let args: Vec<&str> = line.split_whitespace().collect();
+    let mut command = OnTerminal::start(folder, &args);
+    let mut said = command.under_way();
+    let deadline = Instant::now() + PATIENCE;
+    while !String::from_utf8_lossy(&said).contains("press the middle 3 times") {
+        said.extend(command.said.recv_timeout(UNDER_WAY).unwrap_or_default());
+        assert!(Instant::now() < deadline, "{}", String::from_utf8_lossy(&said));
+    }
+    let said = interrupted(folder, line, command, said, End::Finished);
+    assert!(said.contains("touch nothing for a second") && said.contains("  r3 [···"), "{said}");
+    assert!(said.contains("ended early; next: press"), "{said}");
+    let frames = ["presses.mcap", "presses.csv"].map(|name| whole(&folder.join(name)));
+    assert!(frames[0] > 100 && frames[0] == frames[1], "{frames:?}");
+}
+
 /// Opens a serial device that nobody answers on.
 fn silent_serial() -> (PtyMaster, String) {
     let master = posix_openpt(nix::fcntl::OFlag::O_RDWR | nix::fcntl::OFlag::O_NOCTTY).unwrap();

@@ -246,6 +246,60 @@ fn default_recording_can_be_fitted() {
     taxel.succeeds(&again);
 }
 
+/// Scene of presses as `calibrate record` asks for them, on a finger without a calibration.
+fn asked_for() -> String {
+    let mut scene = String::from(
+        "effects = ['noise']\n[scan]\nrate_hz = 500\nduration_s = 30\n[device]\nbits = 16\n\
+         [indenter]\nradius_mm = 6\n[friction]\nmu = 0.8\n",
+    );
+    // The finger is still for the first seconds, in which the command connects.
+    let mut at = 4.0;
+    let mut press = |[x, y]: [f64; 2], fz: f64, [fx, fy]: [f64; 2], hold: f64| {
+        scene += &format!(
+            "[[press]]\nat_s = {at:.2}\nx_mm = {x}\ny_mm = {y}\nfz_n = {fz}\nfx_n = {fx:.3}\n\
+             fy_n = {fy:.3}\nrise_s = 0.04\nhold_s = {hold}\nfall_s = 0.04\n"
+        );
+        at += hold + 0.12;
+    };
+    (0..3).for_each(|_| press([0.0; 2], 2.0, [0.0; 2], 0.04));
+    let centres = [-3.75, -1.25, 1.25, 3.75];
+    for (x, y) in centres.iter().flat_map(|y| centres.map(|x| (x, *y))) {
+        [0.4, 1.0, 1.8].into_iter().for_each(|fz| press([x, y], fz, [0.0; 2], 0.04));
+    }
+    for eighth in 0..8 {
+        let (y, x) = (f64::from(eighth) * std::f64::consts::FRAC_PI_4).sin_cos();
+        press([0.0; 2], 1.5, [0.7 * x, 0.7 * y], 0.04);
+    }
+    (0..3).for_each(|_| press([1.0; 2], 1.5, [0.0; 2], 0.7));
+    (0..45).for_each(|_| press([-1.0; 2], 1.0, [0.0; 2], 0.04));
+    scene
+}
+
+#[test]
+fn guided_recording_ends_when_presses_are_enough() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    std::fs::write(folder.path().join("asked.toml"), asked_for()).unwrap();
+    let record = ["calibrate", "record", "--port", "sim:asked.toml", "--out", "presses.mcap"];
+    let ran = taxel.taxel(&record);
+    assert_eq!(ran.code, Some(0), "{}{}", ran.out, ran.err);
+    let steps: Vec<&str> = ran.err.lines().collect();
+    assert_eq!(steps[0], "touch nothing for a second");
+    assert_eq!(steps[1], "press the middle 3 times, as hard as it will ever be pressed");
+    assert_eq!(steps.last(), Some(&"enough"), "{}", ran.err);
+    assert_eq!(ran.out.matches("[lmh").count(), 16, "{}", ran.out);
+    assert!(ran.out.contains("sideways →↗↑↖←↙↓↘, held 3 of 3, fast 3 of 3"), "{}", ran.out);
+    let recording = Recording::open(&folder.path().join("presses.mcap")).unwrap();
+    assert!(recording.whole && recording.position("lit_r0c0").is_some());
+    assert!(recording.map(Result::unwrap).count() > 5000);
+    // A file that exists is kept, and a finger without the matrix is refused.
+    let error = taxel.fails(1, &record);
+    assert!(error.contains("the file exists already"), "{error}");
+    let refused = ["calibrate", "record", "--port", "sim:mems-bare", "--out", "bare.mcap"];
+    let error = taxel.fails(1, &refused);
+    assert!(error.contains("bare.mcap: the frames have no codes of the optical matrix"), "{error}");
+}
+
 /// A load cell's clock is 2.7 s ahead, and the reference finger is late by 4 ms.
 #[test]
 fn lag_behind_the_clock_of_a_load_cell_is_found() {
