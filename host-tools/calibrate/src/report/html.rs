@@ -26,15 +26,16 @@ pub fn page(report: &Report, made: &str, of: &str) -> String {
     let _ = write!(
         page,
         "<!doctype html><html lang=en><meta charset=utf-8>\
-         <meta name=viewport content=\"width=device-width\"><meta name=color-scheme content=\"light dark\">\
+         <meta name=viewport content=\"width=device-width\">\
+         <meta name=color-scheme content=\"light dark\">\
          <title>{of_whom}</title><style>{STYLE}</style>\
          <h1>{of_whom}</h1>",
     );
     verdict(&mut page, report);
     let _ = write!(
         page,
-        "<p class=lead>Calibrated {of}, judged {made}. Error is estimate − reference; the estimates are \
-         those of the code that runs on the finger.</p>",
+        "<p class=lead>Calibrated {of}, judged {made}. Error is estimate − reference; the estimates \
+         are those of the code that runs on the finger.</p>",
         of = escaped(of),
         made = escaped(made),
     );
@@ -76,8 +77,8 @@ fn verdict(page: &mut String, report: &Report) {
     let Verdict { good_for, not_for, not_judged, tested, .. } = &report.verdict;
     *page += "<section class=verdict>";
     if !report.simulated.is_empty() {
-        *page += "<p class=simulated><b>Simulated.</b> These figures are of a simulation, not of a real \
-                  finger.";
+        *page += "<p class=simulated><b>Simulated.</b> These figures are of a simulation, not of a \
+                  real finger.";
         for origin in &report.simulated {
             let _ = write!(page, " {}.", escaped(origin));
         }
@@ -104,11 +105,12 @@ fn verdict(page: &mut String, report: &Report) {
 fn needs(page: &mut String, needs: &[Judged]) {
     let _ = write!(
         page,
-        "<h2>Needs and errors</h2><p>A need is met if, in every recording, {:.0} % of the loaded rows err \
-         by no more than it, in the worst component. At least {:.0} % of those rows must have a value that \
-         is not flagged, and the labels must span {REACH:.0} times the need. It takes {PRESSES} presses (a \
-         long one counts again each second), or {TABLE_ROWS} rows of a table. Where {NOISE:.0} standard \
-         deviations of the labels' own noise may explain the excess, a need is not judged.</p><table>\
+        "<h2>Needs and errors</h2><p>A need is met if, in every recording, {:.0} % of the loaded \
+         rows err by no more than it, in the worst component. At least {:.0} % of those rows must \
+         have a value that is not flagged, and the labels must span {REACH:.0} times the need. It \
+         takes {PRESSES} presses (a long one counts again each second), or {TABLE_ROWS} rows of a \
+         table. Where {NOISE:.0} standard deviations of the labels' own noise may explain the \
+         excess, a need is not judged.</p><table>\
          <tr><th class=text>quantity<th class=text>use<th>need<th>found<th class=text>verdict</tr>",
         100.0 * SHARE,
         100.0 * GIVEN
@@ -122,8 +124,8 @@ fn needs(page: &mut String, needs: &[Judged]) {
         let why = if need.why.is_empty() { String::new() } else { format!(": {}", need.why) };
         let _ = write!(
             page,
-            "<tr><th class=text>{}<td class=text>{}<td>{}<td>{}<td class=text><b class={class}>{verdict}</b>\
-             {}</tr>",
+            "<tr><th class=text>{}<td class=text>{}<td>{}<td>{}<td class=text>\
+             <b class={class}>{verdict}</b>{}</tr>",
             escaped(&need.quantity),
             need.purpose,
             amount(need.need, need.unit),
@@ -141,9 +143,9 @@ fn errors(page: &mut String, maps: &[ErrorMap]) {
     }
     let _ = write!(
         page,
-        "<h2>Errors over the pad</h2><p>Each cell is the region around a taxel, x to the right, y up. Upper \
-         number: error that {:.0} % of its loaded rows do not exceed; lower: presses. Colour: the most \
-         demanding need that it meets.</p><div class=maps>",
+        "<h2>Errors over the pad</h2><p>Each cell is the region around a taxel, x to the right, y \
+         up. Upper number: error that {:.0} % of its loaded rows do not exceed; lower: presses. \
+         Colour: the most demanding need that it meets.</p><div class=maps>",
         100.0 * SHARE
     );
     for map in maps {
@@ -196,9 +198,9 @@ fn stated(page: &mut String, all: &[Stated]) {
     let [one, two, three] = stated::NORMAL.map(|share| 100.0 * share);
     let _ = write!(
         page,
-        "<p>Share of the unflagged values within one, two and three of the standard deviations that they \
-         state; a normal distribution has {one:.1}, {two:.1} and {three:.1} %. Noise of the labels is \
-         added to the stated one.</p><table><tr><th>quantity<th>stated σ, median<th>labels' noise\
+        "<p>Share of the unflagged values within one, two and three of the standard deviations \
+         that they state; a normal distribution has {one:.1}, {two:.1} and {three:.1} %. Noise of \
+         the labels is added to the stated one.</p><table><tr><th>quantity<th>stated σ, median<th>labels' noise\
          <th>within 1 σ<th>2 σ<th>3 σ<th>values<th>flagged</tr>"
     );
     for found in all {

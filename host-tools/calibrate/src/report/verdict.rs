@@ -275,7 +275,7 @@ impl Found {
                 }
             })
             .collect();
-        // The labels may be too small to show that a lenient need is met, but a stricter one shows it.
+        // A strict need that is met shows the lenient ones, for which the labels may be too small.
         if let Some(strictest) = needs.iter().rposition(|need| need.met == Some(true)) {
             needs[..strictest].iter_mut().for_each(|need| {
                 (need.met, need.why) = (Some(true), String::new());

@@ -114,6 +114,28 @@ fn share_of_loads_beyond_the_fit_is_warned_of() {
     assert!(told("fy_n") && told("fz_n") && found.len() == 2, "{found:#?}");
 }
 
+#[test]
+fn channels_name_faults_and_unused_columns() {
+    let mut judged = finger(4);
+    for sample in judged.samples.iter_mut().step_by(4) {
+        let taxels = sample.scan.codes.taxels.as_mut().unwrap();
+        taxels.lit[2][1] = taxels.dark[1];
+    }
+    let mut calibration = calibration();
+    calibration.sensors[3] = None;
+    let report = taxel_calibrate::report::judge(&calibration, &[judged], &[]);
+    let of = |begins: &str| {
+        let channel = report.channels.iter().find(|channel| channel.columns.starts_with(begins));
+        channel.unwrap_or_else(|| panic!("{begins}: {:?}", report.channels))
+    };
+    let matrix = of("lit_*, dark_*");
+    assert!(matrix.used.contains(&"net".to_owned()), "{matrix:?}");
+    assert_eq!(matrix.why, "r2c1 dark or clipped, at fault in 25.0 % of the rows");
+    assert_eq!(of("bridge_s0_*").why, "");
+    assert_eq!(of("bridge_s3_*").why, "the record has no matrix for it");
+    assert!(of("torsion_nmm").used.is_empty() && !of("fx_n").used.is_empty());
+}
+
 /// Table of a generic sensor: three channels, two forces that go both ways and one that presses.
 fn table(phase: f64, spoil: fn(&mut [f64], &mut [f64])) -> TableRecording {
     let (mut inputs, mut targets) = (Vec::new(), Vec::new());

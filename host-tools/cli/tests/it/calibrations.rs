@@ -366,7 +366,11 @@ fn report_is_one_page_with_plots_and_warnings() {
     for warning in ["no shear in x", "no shear in y", "fitted to 1 recording", "extrapolated"] {
         assert!(ran.err.contains(warning), "{warning}: {}", ran.err);
     }
+    // The tour has nine contacts, and a slide counts again after each second.
+    assert_eq!(found["verdict"]["needs"][0]["met"], true, "{}", found["verdict"]);
+    assert_eq!(found["errors"][0]["quantity"], "normal force");
     let page = std::fs::read_to_string(directory.path().join("report.html")).unwrap();
+    assert!(page.find("Good for") < page.find("Calibrated 20"));
     assert!(
         page.matches("<svg").count() >= 8 && page.contains("[Ospina2017] table 1.2"),
         "{}",
@@ -377,7 +381,9 @@ fn report_is_one_page_with_plots_and_warnings() {
     assert!(page.len() < 3_000_000, "{}", page.len());
 
     let same = [&report[..], &["--data", "judged.csv", "--fitted-to", "judged.csv"]].concat();
-    assert!(folder.taxel(&same).err.contains("no forecast"));
+    let ran = folder.taxel(&same);
+    assert!(ran.err.contains("no forecast"));
+    assert_eq!(json(&ran.out)["verdict"]["good_for"], serde_json::json!([]), "{}", ran.out);
 }
 
 /// Writes noisy presses of another sensor's skin, as one of several recordings.

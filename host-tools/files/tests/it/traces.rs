@@ -3,7 +3,9 @@
 use proptest::prelude::*;
 use taxel::scan::{Codes, Midpoints, Scan, TaxelCodes};
 use taxel::units::{Code, FullScale, Micros};
-use taxel_files::trace::{Sample, TraceHeader, TraceReader, TraceWriter, Truth, is_trace};
+use taxel_files::trace::{
+    self, Others, Sample, TraceHeader, TraceReader, TraceWriter, Truth, is_trace,
+};
 
 fn read(text: &str) -> Result<Vec<Sample>, String> {
     TraceReader::new(text.as_bytes(), "trace.csv")
@@ -150,6 +152,17 @@ fn error_names_missing_file() {
     let error = TraceReader::open("no/such.csv").err().unwrap().to_string();
     assert!(error.starts_with("no/such.csv: "), "{error}");
     assert!(error.ends_with("; check the path"), "{error}");
+}
+
+#[test]
+fn columns_that_no_trace_has_are_listed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.csv");
+    std::fs::write(&path, "t_us,lit_r0c0,fz_n,s0_fx_n,room_c,operator\n").unwrap();
+    let unknown = vec!["room_c".to_owned(), "operator".to_owned()];
+    assert_eq!(trace::other_columns(&path).unwrap(), Others::Unknown(unknown));
+    std::fs::write(&path, "t_us,seq,lit_r0c0,fz_n\n").unwrap();
+    assert_eq!(trace::other_columns(&path).unwrap(), Others::Frames);
 }
 
 #[test]

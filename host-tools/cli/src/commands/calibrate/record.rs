@@ -64,8 +64,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
                 let codes = received.frame.codes.filter(|codes| codes.taxels.is_some());
                 let Some(codes) = codes else {
                     anyhow::bail!(
-                        "{names}: the frames have no codes of the optical matrix, which shows where it is pressed; \
-                         use `taxel record`"
+                        "{names}: the frames have no codes of the optical matrix, which shows where \
+                         it is pressed; use `taxel record`"
                     );
                 };
                 guide.add(received.frame.time, &codes, known(&received.frame));

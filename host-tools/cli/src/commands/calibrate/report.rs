@@ -14,8 +14,9 @@ use crate::output::{self, Overwrite};
 
 /// Writes an HTML page on a calibration: verdict, errors over the pad, figures, plots, warnings.
 ///
-/// Verdict and page begin with what the finger is good for, by needs that the page lists. Each --data is a recording that the calibration was not fitted to. Its reference columns are
-/// compared with the finger's estimates, next to the papers' tables. With --fitted-to the page
+/// The page begins with what the finger is good for, by needs that it lists. Each --data is a
+/// recording that the calibration was not fitted to. Its reference columns are compared with the
+/// finger's estimates, next to the papers' tables. With --fitted-to the page
 /// shows the range of those recordings, and warns where they cannot support the calibration.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
