@@ -94,7 +94,7 @@ fn verdict(page: &mut String, report: &Report) {
             let _ = write!(page, "<li>{}</li>", escaped(told));
         }
         if uses.is_empty() {
-            *page += "<li>no use that was judged</li>";
+            *page += "<li>none of the uses that were judged</li>";
         }
         *page += "</ul>";
     }
@@ -111,7 +111,7 @@ fn needs(page: &mut String, needs: &[Judged]) {
          takes {PRESSES} presses (a long one counts again each second), or {TABLE_ROWS} rows of a \
          table. Where {NOISE:.0} standard deviations of the labels' own noise may explain the \
          excess, a need is not judged.</p><table>\
-         <tr><th class=text>quantity<th class=text>use<th>need<th>found<th class=text>verdict</tr>",
+         <tr><th class=text>need<th class=text>use<th>found<th class=text>verdict</tr>",
         100.0 * SHARE,
         100.0 * GIVEN
     );
@@ -124,11 +124,10 @@ fn needs(page: &mut String, needs: &[Judged]) {
         let why = if need.why.is_empty() { String::new() } else { format!(": {}", need.why) };
         let _ = write!(
             page,
-            "<tr><th class=text>{}<td class=text>{}<td>{}<td>{}<td class=text>\
+            "<tr><th class=text>{}<td class=text>{}<td>{}<td class=text>\
              <b class={class}>{verdict}</b>{}</tr>",
-            escaped(&need.quantity),
+            escaped(&need.wanted()),
             need.purpose,
-            amount(need.need, need.unit),
             need.found.map_or("–".into(), |found| amount(found, need.unit)),
             escaped(&why)
         );
@@ -192,7 +191,7 @@ fn in_words(unit: &str) -> &str {
 fn stated(page: &mut String, all: &[Stated]) {
     *page += "<h2>Stated errors</h2>";
     if all.is_empty() {
-        *page += "<p>The finger states no error for what the labels tell.</p>";
+        *page += "<p>No error is stated for what the labels tell.</p>";
         return;
     }
     let [one, two, three] = stated::NORMAL.map(|share| 100.0 * share);

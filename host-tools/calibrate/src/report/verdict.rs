@@ -158,7 +158,10 @@ pub(crate) fn verdict(
             None => {}
         }
     }
-    verdict.add(vec![trust(stated, held_out)]);
+    // Only a finger states errors, and its series have presses.
+    let all = trials.iter().filter_map(|trial| trial.series.iter().find(|s| !s.rows.is_empty()));
+    let presses = all.map(|series| presses(series.loaded())).sum();
+    verdict.add(vec![trust(stated, presses, held_out)]);
     verdict
 }
 
@@ -190,7 +193,7 @@ impl Judged {
     }
 
     /// Quantity and need: "normal force to 10 mN".
-    fn wanted(&self) -> String {
+    pub(crate) fn wanted(&self) -> String {
         format!("{} to {}", self.quantity, amount(self.need, self.unit))
     }
 }
@@ -290,11 +293,11 @@ impl Found {
             return (None, "the calibration was fitted to these rows, which are no test".into());
         }
         let few = match presses {
-            Some(presses) => (presses < PRESSES).then(|| format!("{presses} presses of {PRESSES}")),
-            None => (rows < TABLE_ROWS).then(|| format!("{rows} rows of {TABLE_ROWS}")),
+            Some(presses) => too_few(presses, PRESSES, "presses"),
+            None => too_few(rows, TABLE_ROWS, "rows"),
         };
         if let Some(few) = few {
-            return (None, format!("too little data: {few} needed"));
+            return (None, few);
         }
         if given < GIVEN {
             let missing =
@@ -317,14 +320,22 @@ impl Found {
     }
 }
 
+/// Sentence about too little data; `None` if there is enough.
+fn too_few(found: usize, needed: usize, what: &str) -> Option<String> {
+    (found < needed).then(|| format!("too little data: {found} {what} of {needed} needed"))
+}
+
 /// Judges whether the stated standard deviations can be trusted.
-fn trust(stated: &[Stated], held_out: bool) -> Judged {
+fn trust(stated: &[Stated], presses: usize, held_out: bool) -> Judged {
     let worst = stated.iter().map(|stated| 100.0 * (1.0 - stated.within[2])).reduce(f64::max);
     let need = 100.0 * BEYOND;
     let (met, why) = match worst {
         _ if !held_out => (None, "the calibration was fitted to these rows".to_owned()),
-        None => (None, "the finger states none for what the labels tell".to_owned()),
-        Some(worst) => (Some(worst <= need), String::new()),
+        None => (None, "no error is stated for what the labels tell".to_owned()),
+        Some(worst) => match too_few(presses, PRESSES, "presses") {
+            Some(few) => (None, few),
+            None => (Some(worst <= need), String::new()),
+        },
     };
     Judged {
         quantity: "values beyond three stated σ".into(),
