@@ -5,7 +5,7 @@ use taxel::estimate::Force;
 use taxel::finger::{Estimate, Finger};
 use taxel::frame::Status;
 use taxel::measured::NoValue;
-use taxel::scan::SENSORS;
+use taxel::scan::{Codes, SENSORS};
 use taxel_files::frames;
 use taxel_files::trace::{Truth, sensor_truth_names};
 
@@ -13,7 +13,7 @@ use crate::recording::Recording;
 use taxel_regress::metrics::{Errors, TargetMetrics};
 use taxel_regress::shear::FORCES;
 
-const POINT: [&str; 2] = ["x_mm", "y_mm"];
+pub(crate) const POINT: [&str; 2] = ["x_mm", "y_mm"];
 
 /// Status bits that flag a fault.
 pub const FLAGS: [Status; 10] = [
@@ -45,20 +45,31 @@ impl Only {
     /// Removes the other part's channels and coefficients.
     #[must_use]
     pub fn of(self, calibration: &Calibration, recording: &Recording) -> (Calibration, Recording) {
-        let (mut calibration, mut recording) = (calibration.clone(), recording.clone());
-        let codes = recording.samples.iter_mut().map(|sample| &mut sample.scan.codes);
+        let mut recording = recording.clone();
+        recording.samples.iter_mut().for_each(|sample| self.keep_codes(&mut sample.scan.codes));
+        (self.record(calibration), recording)
+    }
+
+    /// Removes the other part's coefficients.
+    pub(crate) fn record(self, calibration: &Calibration) -> Calibration {
+        let mut calibration = calibration.clone();
         match self {
             Self::Both => {}
-            Self::Matrix => {
-                (calibration.array, calibration.sensors) = (None, Default::default());
-                codes.for_each(|codes| codes.bridges = [None; SENSORS]);
-            }
+            Self::Matrix => (calibration.array, calibration.sensors) = (None, Default::default()),
             Self::Array => {
                 (calibration.taxels, calibration.net, calibration.model) = (None, None, None);
-                codes.for_each(|codes| codes.taxels = None);
             }
         }
-        (calibration, recording)
+        calibration
+    }
+
+    /// Removes the other part's channels.
+    pub(crate) fn keep_codes(self, codes: &mut Codes) {
+        match self {
+            Self::Both => {}
+            Self::Matrix => codes.bridges = [None; SENSORS],
+            Self::Array => codes.taxels = None,
+        }
     }
 }
 
@@ -116,13 +127,13 @@ pub fn finger(calibration: &Calibration, recording: &Recording) -> Vec<TargetMet
 
 /// Estimate compared with the columns `fx_n` ….
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Against {
+pub(crate) enum Against {
     Finger,
     Sensor(usize),
 }
 
 impl Against {
-    fn force(self, estimate: &Estimate) -> Option<&Force> {
+    pub(crate) fn force(self, estimate: &Estimate) -> Option<&Force> {
         match self {
             Self::Finger => Some(&estimate.force),
             Self::Sensor(i) => estimate.sensors.get(i),
@@ -130,7 +141,7 @@ impl Against {
     }
 }
 
-fn against(calibration: &Calibration) -> Option<Against> {
+pub(crate) fn against(calibration: &Calibration) -> Option<Against> {
     if calibration.net.is_some() || calibration.model.is_some() || calibration.array.is_some() {
         return Some(Against::Finger);
     }
@@ -145,7 +156,7 @@ fn touched(truth: &Truth, estimate: &Estimate) -> bool {
     truth.contact.unwrap_or_else(|| estimate.status.contains(Status::CONTACT))
 }
 
-fn components(force: &Force) -> [Result<f32, NoValue>; 3] {
+pub(crate) fn components(force: &Force) -> [Result<f32, NoValue>; 3] {
     [force.x, force.y, force.z].map(|component| component.map(|newtons| newtons.0))
 }
 

@@ -9,7 +9,9 @@ mod record;
 mod report;
 mod transfer;
 
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use indicatif::{ProgressBar, ProgressStyle};
 
 /// Records for, fits, evaluates, adjusts and transfers calibrations.
 #[derive(clap::Args)]
@@ -58,4 +60,13 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 /// Returns the seconds since 1970-01-01 UTC.
 fn now() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs()
+}
+
+/// Progress bar of a long command, drawn from the first second.
+fn bar(message: &'static str) -> anyhow::Result<ProgressBar> {
+    let bar = ProgressBar::new(0);
+    bar.set_style(ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} {eta}")?);
+    bar.set_message(message);
+    bar.enable_steady_tick(Duration::from_millis(100));
+    Ok(bar)
 }

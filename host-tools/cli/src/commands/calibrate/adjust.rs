@@ -3,19 +3,24 @@
 use std::path::PathBuf;
 
 use serde::Serialize;
-use taxel_calibrate::adjust;
+use taxel::scan::{SENSORS, TAXELS};
+use taxel_calibrate::adjust::{self, Adjusted, Part};
 use taxel_files::calibration;
 use taxel_files::stretch::Stretch;
+use taxel_regress::error::FitError;
+use taxel_regress::network::Progress;
 
 use super::data::{self, Aligned};
-use super::now;
+use super::{bar, now};
+use crate::interrupt::Interrupt;
 use crate::output::{self, Overwrite};
 
 /// Updates a calibration from a few presses of known weight, without moving the finger.
 ///
-/// Fitted again: bias, one gain per taxel (for the net and the model of the skin alike) and one per
-/// row of each sensor's matrix. All else stays. Three presses are the least; nine, spread over the
-/// finger, are better. Each recording must begin with 0.5 s without contact.
+/// Found again: the zero, the light of each taxel, the stiffness of the skin, and the gains of the
+/// force sensors. Each is judged on presses that it was not found from, and kept only if it makes
+/// some quantity better and none worse. Three presses are the least; nine, spread over the finger,
+/// are better. Each recording must begin with 0.5 s without contact.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -60,28 +65,77 @@ fn weight(text: &str) -> Result<f64, String> {
 struct Outcome {
     calibration: PathBuf,
     presses: usize,
+    /// Gains of the parts that were kept.
     taxel_gains: Vec<f64>,
-    sensor_gains: [Option<[f64; 3]>; 4],
-    /// Errors of each estimator of the taxels.
+    stiffness: f64,
+    sensor_gains: [[f64; 3]; SENSORS],
+    array_gains: [f64; 3],
+    parts: Vec<Tried>,
     errors: Vec<Error>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     alignments: Vec<Aligned>,
     warnings: Vec<String>,
 }
 
-/// RMS error of f_z over the presses, newtons.
+/// Part of the record, and whether it was kept and why.
+#[derive(Serialize)]
+struct Tried {
+    part: String,
+    kept: bool,
+    why: String,
+}
+
+/// RMS error of a quantity over the presses, newtons or mm.
 #[derive(Serialize)]
 struct Error {
-    estimator: &'static str,
-    /// With the new bias, before the gains.
+    by: &'static str,
+    quantity: String,
     before: f64,
-    /// On presses left out of the fit of the gains.
+    /// With the new zero alone.
+    zeroed: f64,
+    /// On presses that the gains were not found from.
     after: f64,
 }
 
-impl From<adjust::Helped> for Error {
-    fn from(adjust::Helped { estimator, before, after }: adjust::Helped) -> Self {
-        Self { estimator, before, after }
+impl Outcome {
+    fn new(calibration: PathBuf, adjusted: Adjusted, alignments: Vec<Aligned>) -> Self {
+        let three = |part| {
+            let gains = adjusted.gains(part).and_then(|gains| gains.try_into().ok());
+            gains.unwrap_or([1.0; 3])
+        };
+        let gains = adjusted.gains(Part::Light);
+        let taxel_gains = gains.map_or_else(|| vec![1.0; TAXELS], <[f64]>::to_vec);
+        let stiffness = adjusted.gains(Part::Skin).and_then(<[f64]>::first).copied();
+        Self {
+            calibration,
+            presses: adjusted.presses,
+            taxel_gains,
+            stiffness: stiffness.unwrap_or(1.0),
+            sensor_gains: std::array::from_fn(|i| three(Part::Sensor(i))),
+            array_gains: three(Part::Array),
+            parts: adjusted.parts.iter().map(Tried::from).collect(),
+            errors: adjusted.errors.into_iter().map(Error::from).collect(),
+            alignments,
+            warnings: adjusted.warnings,
+        }
+    }
+}
+
+impl From<&adjust::Tried> for Tried {
+    fn from(adjust::Tried { part, gains, kept, why }: &adjust::Tried) -> Self {
+        let [least, most] = [f64::min, f64::max].map(|of| gains.iter().copied().reduce(of));
+        let range = match (&gains[..], least.zip(most)) {
+            ([only], _) => format!(" × {only:.3}"),
+            (_, Some((least, most))) => format!(" × {least:.3} … {most:.3}"),
+            _ => String::new(),
+        };
+        Self { part: format!("{part}{range}"), kept: *kept, why: why.clone() }
+    }
+}
+
+impl From<adjust::Error> for Error {
+    fn from(adjust::Error { by, quantity, before, zeroed, after }: adjust::Error) -> Self {
+        Self { by, quantity, before, zeroed, after }
     }
 }
 
@@ -97,6 +151,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         args.overwrite,
     )?;
     let old = calibration::read(&args.calibration)?;
+    let bar = bar("reading the recordings")?;
     let data::Read { mut recordings, alignments } =
         data::traces(&args.data, &args.reference, old.lag)?;
     if let Some(newtons) = args.weight {
@@ -104,20 +159,25 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             adjust::weigh(&old, recording, newtons)?;
         }
     }
-    let adjusted = adjust::adjust(&old, &recordings, now())?;
+    // Before this Ctrl-C ends the process as the system does.
+    let interrupt = Interrupt::watch()?;
+    interrupt.outcome("; nothing was written");
+    let mut progress = |progress: Progress| {
+        bar.set_length(progress.of as u64);
+        bar.set_position(progress.step as u64);
+        bar.set_message(progress.part);
+    };
+    let adjusted = match adjust::adjust(&old, &recordings, now(), &mut progress, interrupt.flag()) {
+        Err(FitError::Stopped) => anyhow::bail!("stopped early; nothing was written"),
+        adjusted => adjusted?,
+    };
+    interrupt.finishing();
+    bar.finish_and_clear();
     calibration::write(&args.out, &adjusted.calibration)?;
     for warning in &adjusted.warnings {
         output::note(format_args!("taxel: warning: {warning}"));
     }
-    let outcome = Outcome {
-        calibration: args.out,
-        presses: adjusted.presses,
-        taxel_gains: adjusted.taxels,
-        sensor_gains: adjusted.sensors,
-        errors: adjusted.helped.into_iter().map(Error::from).collect(),
-        alignments,
-        warnings: adjusted.warnings,
-    };
+    let outcome = Outcome::new(args.out, adjusted, alignments);
     if args.json {
         return output::json(&outcome);
     }
@@ -129,22 +189,16 @@ fn print(outcome: &Outcome) -> anyhow::Result<()> {
         output::line(aligned.describe())?;
     }
     output::line(format!("{} presses", outcome.presses))?;
-    for Error { estimator, before, after } in &outcome.errors {
+    for Tried { part, kept, why } in &outcome.parts {
+        output::line(format!("{part}: {} ({why})", if *kept { "kept" } else { "left out" }))?;
+    }
+    output::line("RMS error                   before  new zero  adjusted, on presses not used")?;
+    for Error { by, quantity, before, zeroed, after } in &outcome.errors {
+        let unit = if quantity.ends_with("mm") { "µm" } else { "mN" };
+        let [before, zeroed, after] = [before, zeroed, after].map(|error| 1e3 * error);
         output::line(format!(
-            "{estimator}: RMS error of fz {:.2} mN with the new bias alone, {:.2} mN on presses left out of the \
-             gains",
-            before * 1e3,
-            after * 1e3
+            "{by:<14}{quantity:<10}{before:>10.1}{zeroed:>10.1}{after:>10.1} {unit}"
         ))?;
-    }
-    for row in outcome.taxel_gains.chunks(4) {
-        let row: Vec<String> = row.iter().map(|gain| format!("{gain:.3}")).collect();
-        output::line(format!("gains  {}", row.join("  ")))?;
-    }
-    for (i, gains) in outcome.sensor_gains.iter().enumerate() {
-        if let Some([x, y, z]) = gains {
-            output::line(format!("s{i}: gains {x:.3} {y:.3} {z:.3}"))?;
-        }
     }
     output::line(format!("wrote {}", outcome.calibration.display()))
 }

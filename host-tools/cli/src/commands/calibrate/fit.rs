@@ -6,7 +6,6 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use taxel::condition::LagCompensation;
 use taxel_calibrate::Form;
@@ -293,10 +292,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let interrupt = Interrupt::watch()?;
     // A stage that does not end in time ends with the process, before there is a record.
     interrupt.outcome("; nothing was written");
-    let bar = ProgressBar::new(0);
-    bar.set_style(ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} {eta}")?);
-    bar.set_message("reading the recordings");
-    bar.enable_steady_tick(Duration::from_millis(100));
+    let bar = super::bar("reading the recordings")?;
     let best = Mutex::new(None);
     let (send, receive) = mpsc::channel();
     let mut outcome = thread::scope(|scope| {

@@ -1,0 +1,480 @@
+//! Finger run over the presses as on the chip: gains of a part, and errors before and after it.
+
+use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use taxel::calibration::Calibration;
+use taxel::condition::Bias;
+use taxel::finger::{self, Finger, SKIN_ERROR};
+use taxel::measured::NoValue;
+use taxel::scan::{SENSORS, TAXELS};
+use taxel_files::trace::{Truth, sensor_truth_names};
+
+use super::{Error, LEAST_PRESSES, Part, fold, renewed};
+use crate::evaluate::{self, Against, Only};
+use crate::recording::Recording;
+use taxel_regress::error::FitError;
+use taxel_regress::metrics::surely_less;
+use taxel_regress::network::Progress;
+use taxel_regress::shear::{FORCES, NO_SHEAR};
+
+/// Standard deviation of the skin's stiffness, or of the gain of a row of S.
+const COMMON: f64 = 0.2;
+/// Standard errors beyond which a mean difference over the presses is no chance.
+const SURE: f64 = 2.0;
+/// Rows between two reports of progress.
+const REPORTED: usize = 512;
+/// Number of quantities: force, contact point, and a force on each sensor.
+const QUANTITIES: usize = 5 + 3 * SENSORS;
+/// RMS error, as a share of the one before, below which a quantity is better.
+const BETTER: f64 = 0.95;
+/// Largest relative change that counts as ageing; a larger one has another cause.
+const AGED: f64 = 0.5;
+
+/// Estimate, if there is one, and label of each quantity in one row.
+type Row = [Option<(Option<f64>, f64)>; QUANTITIES];
+type Press = Vec<Row>;
+/// Mean square error of each quantity over a press.
+type Squares = [Option<f64>; QUANTITIES];
+/// The same of one quantity over all presses.
+type Series = Vec<Option<f64>>;
+
+/// Presses, and what a record is judged by.
+pub(super) struct Bench<'r> {
+    pub(super) recordings: &'r [Recording],
+    /// Rows of the presses of each recording.
+    pub(super) presses: Vec<Vec<Range<usize>>>,
+    /// Parts of the finger that are judged, the whole last.
+    pub(super) parts: &'r [Only],
+    /// Zero of the first recording.
+    pub(super) bias: Bias,
+    pub(super) light: Option<Vec<f64>>,
+    pub(super) against: Option<Against>,
+}
+
+/// Records of the two halves of the presses, and the estimates of each in the other half.
+#[derive(Clone)]
+pub(super) struct Judged {
+    pub(super) halves: [Calibration; 2],
+    /// Presses by each part of the finger.
+    presses: Vec<Vec<Press>>,
+}
+
+impl Bench<'_> {
+    /// Runs the finger over all recordings; a part of it that is the same as before is not run.
+    pub(super) fn judge(
+        &self,
+        name: &str,
+        halves: [Calibration; 2],
+        before: Option<&Judged>,
+        progress: &mut dyn FnMut(Progress),
+        stop: &AtomicBool,
+    ) -> Result<Judged, FitError> {
+        let mut presses = Vec::new();
+        for (at, only) in self.parts.iter().enumerate() {
+            let records = halves.each_ref().map(|record| only.record(record));
+            let same = before.filter(|b| b.halves.each_ref().map(|r| only.record(r)) == records);
+            presses.push(match same {
+                Some(before) => before.presses[at].clone(),
+                None => {
+                    let part = format!("{name}: {}", by(*only));
+                    self.run(&part, *only, &records, progress, stop)?
+                }
+            });
+        }
+        Ok(Judged { halves, presses })
+    }
+
+    /// Estimates of every press by the record of the other half.
+    fn run(
+        &self,
+        part: &str,
+        only: Only,
+        records: &[Calibration; 2],
+        progress: &mut dyn FnMut(Progress),
+        stop: &AtomicBool,
+    ) -> Result<Vec<Press>, FitError> {
+        let alike = records[0] == records[1];
+        let used = if alike { &records[..1] } else { &records[..] };
+        let of = used.len() * self.recordings.iter().map(|r| r.samples.len()).sum::<usize>();
+        let (mut presses, mut step) = (Vec::new(), 0);
+        for (recording, runs) in self.recordings.iter().zip(&self.presses) {
+            let first = presses.len();
+            presses.extend(runs.iter().map(|_| Press::new()));
+            for (half, record) in used.iter().enumerate() {
+                let (finger, mut state) = Finger::new(Some(record.clone()));
+                let mut at = 0;
+                for (row, sample) in recording.samples.iter().enumerate() {
+                    if step % REPORTED == 0 {
+                        progress(Progress { part: part.into(), step, of, error: 0.0 });
+                        if stop.load(Ordering::Relaxed) {
+                            return Err(FitError::Stopped);
+                        }
+                    }
+                    step += 1;
+                    let mut scan = sample.scan;
+                    only.keep_codes(&mut scan.codes);
+                    let estimate = finger.estimate(&mut state, &scan);
+                    while runs.get(at).is_some_and(|rows| rows.end <= row) {
+                        at += 1;
+                    }
+                    let press = first + at;
+                    let judged = alike || press % 2 != half;
+                    if judged && runs.get(at).is_some_and(|rows| rows.contains(&row)) {
+                        presses[press].push(self.row(&estimate, &sample.truth));
+                    }
+                }
+            }
+        }
+        Ok(presses)
+    }
+
+    fn row(&self, estimate: &finger::Estimate, truth: &Truth) -> Row {
+        let mut row = [None; QUANTITIES];
+        let mut put = |at: usize, found: Result<f32, NoValue>, truth: Option<f64>| {
+            let estimated = !matches!(
+                found,
+                Err(NoValue::NotEstimated | NoValue::Uncalibrated | NoValue::Absent)
+            );
+            let found = found.ok().map(f64::from);
+            row[at] = truth.filter(|_| estimated).map(|truth| (found, truth));
+        };
+        if let Some(force) = self.against.and_then(|against| against.force(estimate)) {
+            for (axis, found) in evaluate::components(force).into_iter().enumerate() {
+                put(axis, found, truth.force[axis]);
+            }
+        }
+        if let Ok(point) = estimate.point {
+            put(3, Ok(point.x.0), truth.point[0]);
+            put(4, Ok(point.y.0), truth.point[1]);
+        }
+        for (i, force) in estimate.sensors.iter().enumerate() {
+            for (axis, found) in evaluate::components(force).into_iter().enumerate() {
+                put(5 + 3 * i + axis, found, truth.sensors[i][axis]);
+            }
+        }
+        row
+    }
+
+    /// Gains of a part from all presses and from each half.
+    pub(super) fn gains(
+        &self,
+        part: Part,
+        judged: &Judged,
+    ) -> Result<Option<[Vec<f64>; 3]>, String> {
+        let Some(all) = self.solve(part, judged, None)? else { return Ok(None) };
+        let half = |half| {
+            let own = self.solve(part, judged, Some(half))?.unwrap_or_default();
+            // A gain that all presses do not show is none.
+            let own = own.iter().zip(&all).map(|(own, all)| if *all == 1.0 { 1.0 } else { *own });
+            Ok::<Vec<f64>, String>(own.collect())
+        };
+        let (one, two) = (half(0)?, half(1)?);
+        Ok(Some([all, one, two]))
+    }
+
+    /// Gains of a part from some of the presses; `None` if the finger lacks it or nothing shows it.
+    ///
+    /// # Errors
+    ///
+    /// The reason, in a full sentence, why gains of the part cannot be ageing.
+    fn solve(
+        &self,
+        part: Part,
+        judged: &Judged,
+        half: Option<usize>,
+    ) -> Result<Option<Vec<f64>>, String> {
+        let record = &judged.halves[0];
+        let axes = |only: Only, first: usize, axes: Range<usize>, sigma: [f32; 3]| {
+            let at = self.parts.iter().position(|of| *of == only).unwrap_or_default();
+            let presses = judged.presses[at].iter().enumerate();
+            let presses: Vec<&Press> = presses
+                .filter(|(i, _)| half.is_none_or(|half| i % 2 == half))
+                .map(|(_, press)| press)
+                .collect();
+            let mut gains = Vec::new();
+            let known = |axis: usize| {
+                let rows = presses.iter().flat_map(|press| press.iter());
+                rows.filter_map(move |row| row[first + axis])
+            };
+            let peak = |axis: usize| known(axis).fold(0.0, |most: f64, (_, f)| most.max(f.abs()));
+            let most = (0..3).map(peak).fold(0.0, f64::max);
+            for axis in axes {
+                // A component without a load shows no gain.
+                if peak(axis) <= NO_SHEAR * most {
+                    gains.push(1.0);
+                    continue;
+                }
+                let sigma = f64::from(sigma[axis]).max(1e-3);
+                let known: Vec<Vec<[f64; 2]>> = presses
+                    .iter()
+                    .map(|press| {
+                        let rows = press.iter().filter_map(|row| row[first + axis]);
+                        rows.filter_map(|(found, truth)| Some([found?, truth])).collect::<Vec<_>>()
+                    })
+                    .filter(|press| !press.is_empty())
+                    .collect();
+                gains.push(match gain_of(known.iter(), sigma) {
+                    None => {
+                        let name = ["x", "y", "z"][axis];
+                        return Err(format!(
+                            "{part}: in {name} the force has the opposite sign of the estimate: is the reference's \
+                             sign right? its gains stay"
+                        ));
+                    }
+                    Some(gain) if half.is_some() || helps(&known, sigma) => gain,
+                    Some(_) => 1.0,
+                });
+            }
+            Ok(Some(gains).filter(|gains| half.is_some() || gains.iter().any(|g| *g != 1.0)))
+        };
+        let gains = match part {
+            Part::Bias => Ok(Some(Vec::new())),
+            Part::Light => Ok(self.light.clone()),
+            Part::Skin => match &record.taxels {
+                Some(taxels) => {
+                    let found = axes(Only::Matrix, 0, 2..3, taxels.residual)?;
+                    let aged = |gain: f64| (gain - 1.0).abs() > f64::from(SKIN_ERROR);
+                    Ok(found.filter(|gains| half.is_some() || gains.iter().any(|g| aged(*g))))
+                }
+                None => Ok(None),
+            },
+            Part::Sensor(i) => match &record.sensors[i] {
+                Some(sensor) if !fold::is_block(record, i) => {
+                    let alone = self.against == Some(Against::Sensor(i));
+                    let first = if alone { 0 } else { 5 + 3 * i };
+                    axes(Only::Both, first, 0..3, sensor.residual)
+                }
+                _ => Ok(None),
+            },
+            Part::Array => match &record.array {
+                Some(array) => axes(Only::Array, 0, 0..3, array.residual),
+                None => Ok(None),
+            },
+        }?;
+        let most = gains.iter().flatten().fold(0.0, |most: f64, gain| most.max((gain - 1.0).abs()));
+        if most > AGED {
+            let percent = 100.0 * most;
+            return Err(format!(
+                "{part}: a gain would change by {percent:.0} %, which is more than ageing; its gains stay"
+            ));
+        }
+        Ok(gains)
+    }
+
+    pub(super) fn fold(
+        &self,
+        part: Part,
+        record: &mut Calibration,
+        gains: &[f64],
+    ) -> Result<(), FitError> {
+        let three = || <[f64; 3]>::try_from(gains).unwrap_or([1.0; 3]);
+        match part {
+            Part::Bias => *record = renewed(record, &self.bias),
+            Part::Light => {
+                *record = renewed(record, &self.bias);
+                fold::light(record, &gains.try_into().unwrap_or([1.0; TAXELS]))?;
+            }
+            Part::Skin => fold::stiffness(record, gains.first().copied().unwrap_or(1.0))?,
+            Part::Sensor(i) => fold::sensor(record, i, three()),
+            Part::Array => fold::array(record, three()),
+        }
+        Ok(())
+    }
+
+    /// Whether a part is kept, and the quantity that decides.
+    pub(super) fn decide(&self, before: &Judged, after: &Judged, worse: f64) -> (bool, String) {
+        let [mut best, mut worst]: [Option<(f64, String)>; 2] = [None, None];
+        for (at, quantity, [b, a]) in self.quantities([before, after]) {
+            let Some(change) = Change::of(&b, &a) else { continue };
+            let told = format!(
+                "{} {} {:.1} → {:.1} {}",
+                by(self.parts[at]),
+                quantity_name(quantity),
+                1e3 * change.before,
+                1e3 * change.after,
+                if (3..5).contains(&quantity) { "µm" } else { "mN" }
+            );
+            let ratio = change.after / change.before;
+            if change.is_worse(worse) && worst.as_ref().is_none_or(|(most, _)| ratio > *most) {
+                worst = Some((ratio, told));
+            } else if change.is_better() && best.as_ref().is_none_or(|(least, _)| ratio < *least) {
+                best = Some((ratio, told));
+            }
+        }
+        match (worst, best) {
+            (Some((_, told)), _) => (false, format!("it makes worse: {told}")),
+            (None, Some((_, told))) => (true, told),
+            (None, None) => (false, "no quantity gains a twentieth for sure".to_owned()),
+        }
+    }
+
+    pub(super) fn errors(&self, stages: [&Judged; 3]) -> Vec<Error> {
+        let rms = |squares: &[Option<f64>]| {
+            let known: Vec<f64> = squares.iter().flatten().copied().collect();
+            (known.iter().sum::<f64>() / known.len().max(1) as f64).sqrt()
+        };
+        let rows = self.quantities(stages).into_iter().map(|(at, quantity, squares)| {
+            let [before, zeroed, after] = squares.each_ref().map(|squares| rms(squares));
+            let (by, quantity) = (by(self.parts[at]), quantity_name(quantity));
+            Error { by, quantity, before, zeroed, after }
+        });
+        rows.collect()
+    }
+
+    /// Mean square errors over each press, of every quantity that is known in all stages.
+    fn quantities<const N: usize>(&self, stages: [&Judged; N]) -> Vec<(usize, usize, [Series; N])> {
+        let mut quantities = Vec::new();
+        for at in 0..self.parts.len() {
+            let squares: [Vec<Squares>; N] =
+                stages.map(|judged| judged.presses[at].iter().map(squares).collect());
+            // The whole finger tells of each sensor what the sensors alone tell. A block of the
+            // array's matrix is no force on its sensor.
+            let told = |quantity: &usize| {
+                let sensor = quantity.checked_sub(5).map(|at| at / 3);
+                sensor.is_none_or(|i| {
+                    at + 1 == self.parts.len() && !fold::is_block(&stages[0].halves[0], i)
+                })
+            };
+            for quantity in (0..QUANTITIES).filter(told) {
+                let of = squares
+                    .each_ref()
+                    .map(|presses| presses.iter().map(|press| press[quantity]).collect::<Vec<_>>());
+                if of.iter().all(|presses| presses.iter().any(Option::is_some)) {
+                    quantities.push((at, quantity, of));
+                }
+            }
+        }
+        quantities
+    }
+}
+
+fn by(only: Only) -> &'static str {
+    match only {
+        Only::Both => "finger",
+        Only::Matrix => "matrix",
+        Only::Array => "force sensors",
+    }
+}
+
+fn quantity_name(quantity: usize) -> String {
+    let names = FORCES.map(str::to_owned).into_iter().chain(evaluate::POINT.map(str::to_owned));
+    let mut names = names.chain((0..SENSORS).flat_map(sensor_truth_names));
+    names.nth(quantity).unwrap_or_default()
+}
+
+/// Mean square error of each quantity.
+///
+/// Without an estimate each component is off by the size of the force: a component of zero would
+/// reward a finger that says nothing.
+fn squares(press: &Press) -> Squares {
+    let size = |row: &Row, quantity: usize| {
+        let first = if quantity < 3 { 0 } else { quantity - (quantity - 5) % 3 };
+        row[first..first + 3].iter().flatten().map(|(_, truth)| truth.powi(2)).sum::<f64>()
+    };
+    std::array::from_fn(|quantity| {
+        let rows = press.iter().filter_map(|row| Some((row, row[quantity]?)));
+        let (sum, count) =
+            rows.fold((0.0, 0.0), |(sum, count): (f64, f64), (row, (found, truth))| {
+                let square =
+                    found.map_or_else(|| size(row, quantity), |found: f64| (found - truth).powi(2));
+                (sum + square, count + 1.0)
+            });
+        (count > 0.0).then(|| sum / count)
+    })
+}
+
+/// Change of a quantity's error, over the presses that both know.
+struct Change {
+    before: f64,
+    after: f64,
+    /// Mean difference of the squared errors in its standard errors, positive if it grew.
+    grown: f64,
+}
+
+impl Change {
+    fn of(before: &[Option<f64>], after: &[Option<f64>]) -> Option<Self> {
+        let pairs = before.iter().zip(after).filter_map(|(b, a)| Some(((*b)?, (*a)?)));
+        let pairs: Vec<(f64, f64)> = pairs.collect();
+        let n = pairs.len() as f64;
+        if pairs.len() < LEAST_PRESSES {
+            return None;
+        }
+        let mean = |of: &dyn Fn(&(f64, f64)) -> f64| pairs.iter().map(of).sum::<f64>() / n;
+        let grown = mean(&|(b, a)| a - b);
+        let variance = mean(&|(b, a)| (a - b - grown).powi(2)) / (n - 1.0);
+        Some(Self {
+            before: mean(&|(b, _)| *b).sqrt(),
+            after: mean(&|(_, a)| *a).sqrt(),
+            grown: grown / variance.sqrt().max(f64::MIN_POSITIVE),
+        })
+    }
+
+    fn is_better(&self) -> bool {
+        self.grown < -SURE && self.after < BETTER * self.before
+    }
+
+    fn is_worse(&self, than: f64) -> bool {
+        self.grown > SURE && self.after > than * self.before
+    }
+}
+
+/// Gain of a force, each press counting once; `None` if measured and true force disagree in sign.
+///
+/// The measured force is regressed on the true force and the slope inverted. The noise is in the
+/// measured force; the opposite regression would draw the gain towards zero.
+fn gain_of<'p>(presses: impl Iterator<Item = &'p Vec<[f64; 2]>>, sigma: f64) -> Option<f64> {
+    let (mut product, mut square) = (COMMON.powi(-2), COMMON.powi(-2));
+    for press in presses {
+        let weight = 1.0 / (press.len() as f64 * sigma.powi(2));
+        for [found, truth] in press {
+            product += weight * found * truth;
+            square += weight * truth * truth;
+        }
+    }
+    (product > 0.0).then(|| square / product)
+}
+
+/// Whether the gain from all presses but one surely helps with that one.
+fn helps(presses: &[Vec<[f64; 2]>], sigma: f64) -> bool {
+    let square = |press: &[[f64; 2]], gain: f64| {
+        press.iter().map(|[found, truth]| (gain * found - truth).powi(2)).sum::<f64>()
+            / press.len() as f64
+    };
+    let judged = presses.iter().enumerate().map(|(i, press)| {
+        let others = presses.iter().enumerate().filter(|(j, _)| *j != i).map(|(_, press)| press);
+        let gain = gain_of(others, sigma).unwrap_or(1.0);
+        (square(press, gain), square(press, 1.0))
+    });
+    let (after, before): (Vec<f64>, Vec<f64>) = judged.unzip();
+    presses.len() >= LEAST_PRESSES && surely_less(&after, &before)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Nine presses of ten rows; S gives `share` of the true force.
+    ///
+    /// The noise is a millinewton, within a press and from press to press.
+    fn presses(share: f64) -> Vec<Vec<[f64; 2]>> {
+        let noise = |i: usize| 1e-3 * (12.9898 * (i * i) as f64).sin();
+        let press = |p: usize| {
+            let truth = 0.3 + 0.1 * p as f64;
+            (0..10)
+                .map(|row| [share * truth + noise(p) + noise(100 + 10 * p + row), truth])
+                .collect()
+        };
+        (0..9).map(press).collect()
+    }
+
+    #[test]
+    fn gain_helps_only_an_aged_sensor() {
+        let aged = presses(0.9);
+        let gain = gain_of(aged.iter(), 1e-3).unwrap();
+        assert!((gain * 0.9 - 1.0).abs() < 2e-3 && helps(&aged, 1e-3), "{gain}");
+        let young = presses(1.0);
+        assert!(!helps(&young, 1e-3), "{:?}", gain_of(young.iter(), 1e-3));
+        assert!(!helps(&aged[..2], 1e-3));
+    }
+}
