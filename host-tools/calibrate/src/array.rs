@@ -16,6 +16,7 @@ use crate::recording::Recording;
 use taxel_regress::error::FitError;
 use taxel_regress::evidence;
 use taxel_regress::outliers::Outliers;
+use taxel_regress::quantile::quantile;
 use taxel_regress::range::trained_range;
 use taxel_regress::shear::NO_SHEAR;
 use taxel_regress::training::Recorded;
@@ -33,6 +34,8 @@ pub(crate) const NO_MOMENT: f32 = 999.0;
 ///
 /// Good recordings have up to 7, exchanged axes 90.
 const MOST_TURNED: f64 = 30.0;
+/// Share of the errors that three stated standard deviations cover, as of the model of the skin.
+const COVERED: f64 = 0.99;
 /// Least share of the noise-free error in an error on noisy references.
 ///
 /// Whatever their noise, an estimate is not stated to be better than a fifth of what was seen.
@@ -41,6 +44,8 @@ const LEAST_SHARE: f64 = 0.2;
 /// A fitted array.
 pub(crate) struct Fitted {
     pub array: Array,
+    /// RMS error of the force on rows left out, newtons.
+    pub held_out: [f32; 3],
     /// Sensors without an own reference: blocks of the matrix, whose sum is the total force.
     pub sensors: [Option<SensorCalibration>; SENSORS],
     /// Number of loaded rows.
@@ -74,6 +79,8 @@ pub(crate) fn fit(
     }
     let noise = prepared::reference_noise(recordings);
     let (matrix, mut residual) = least_squares(&rows, live)?;
+    // Fewer sensors miss a share of the force that grows with load and distance.
+    let covered = live.contains(&false).then(|| covered(&matrix, &rows));
     for (residual, noise) in residual.iter_mut().zip(noise) {
         let least = LEAST_SHARE * *residual;
         *residual = (*residual * *residual - noise * noise).max(least * least).sqrt();
@@ -107,9 +114,11 @@ pub(crate) fn fit(
     }
     let (method, left, name) = best;
     let of = |value: f64| value.max(LEAST_RESIDUAL) as f32;
+    let held_out = [of(left[0]), of(left[1]), of(left[2])];
+    let covered = covered.map_or(held_out, |covered| covered.map(of));
     let array = Array {
         method,
-        residual: [of(left[0]), of(left[1]), of(left[2])],
+        residual: std::array::from_fn(|axis| held_out[axis].max(covered[axis])),
         moment_residual: left.get(3..5).map_or(NO_MOMENT, |m| of(m[0].max(m[1]))),
         surface: Surface::Plane,
     };
@@ -126,7 +135,17 @@ pub(crate) fn fit(
             residual: array.residual,
         })
     });
-    Some(Fitted { array, sensors, rows: count, name, turned })
+    Some(Fitted { array, held_out, sensors, rows: count, name, turned })
+}
+
+/// Standard deviation of each force component of which three cover [`COVERED`] of the rows.
+fn covered(matrix: &WrenchMatrix, rows: &[Vec<Row>]) -> [f64; 3] {
+    std::array::from_fn(|axis| {
+        let error = |row: &Row| {
+            (f64::from(matrix.wrench(&row.signals).force[axis]) - row.force[axis]).abs()
+        };
+        quantile(rows.iter().flatten().map(error).collect(), COVERED) / 3.0
+    })
 }
 
 /// Warns of a reference whose shear axes are not those of the force sensors.

@@ -204,7 +204,8 @@ pub fn fit_keeping(
     for sensor in 0..SENSORS {
         fit_sensor(&mut fitted, sensor, &by_sensors, &subjects)?;
     }
-    let reasons = fit_array(&mut fitted, &by_sensors, &subjects, options.net_only);
+    let own = fitted.calibration.sensors.clone();
+    let mut reasons = fit_array(&mut fitted, &by_sensors, &subjects, options.net_only);
     drop(by_sensors);
     let by_taxels = lag::followed(&recordings, late.taxels);
     if !fitted.parts.is_empty() && fitted.calibration.validate().is_ok() {
@@ -243,6 +244,21 @@ pub fn fit_keeping(
         }
         if let Some(skin) = skin.filter(|_| !options.net_only) {
             keep_skin(&mut fitted, skin);
+        }
+    }
+    if fitted.calibration.array.is_some()
+        && fitted.calibration.taxels.is_some()
+        && reasons.iter().any(Option::is_some)
+    {
+        let helped = choice::Helped::of(&fitted.calibration, &fingers);
+        fitted.choices.push(helped.told());
+        if !helped.keeps() {
+            (fitted.calibration.array, fitted.calibration.sensors) = (None, own);
+            fitted.parts.retain(|part| !part.name.starts_with("array"));
+            for reason in &mut reasons {
+                reason
+                    .get_or_insert_with(|| "the force is better from the matrix alone".to_owned());
+            }
         }
     }
     if options.form == Form::Q15 {
@@ -433,7 +449,7 @@ fn fit_array(
         condition: None,
         chosen: None,
         effective: None,
-        residual: array.array.residual.iter().map(|r| f64::from(*r)).collect(),
+        residual: array.held_out.map(f64::from).to_vec(),
         held_out: true,
     });
     for (sensor, of_total) in fitted.calibration.sensors.iter_mut().zip(array.sensors) {

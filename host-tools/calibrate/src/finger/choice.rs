@@ -1,7 +1,86 @@
-//! Choice between model of the skin and net, and the lines that state it.
+//! Choice between model of the skin and net, and whether a few force sensors help them, with the
+//! lines that state it.
+
+use taxel::calibration::Calibration;
+use taxel::finger::Finger;
+
+use crate::prepared::Prepared;
+use crate::recording::Recording;
 
 /// Ratio of the net's error in f_z to the model's from which the model is kept for its f_z alone.
 const TWICE: f64 = 2.0;
+
+/// Errors of the force with some of the four force sensors, and without them.
+pub(super) struct Helped {
+    with: [f64; 3],
+    without: [f64; 3],
+}
+
+impl Helped {
+    /// Runs the finger over the recordings with the record and without its force sensors.
+    ///
+    /// A few sensors have a few numbers, so that errors on the rows of the fit are near to those on
+    /// others.
+    pub fn of(calibration: &Calibration, recordings: &[&Prepared<'_>]) -> Self {
+        let run = |calibration: &Calibration| {
+            let each = recordings.iter().map(|r| squares(calibration, &r.recording));
+            let ([x, y, z], rows) = each.fold(([0.0; 3], 0.0), |(sum, count), (own, rows)| {
+                (std::array::from_fn(|k| sum[k] + own[k]), count + rows)
+            });
+            [x, y, z].map(|sum: f64| (sum / f64::max(rows, 1.0)).sqrt())
+        };
+        let without = Calibration { array: None, ..calibration.clone() };
+        Self { with: run(calibration), without: run(&without) }
+    }
+
+    /// Whether the force is better with them.
+    pub fn keeps(&self) -> bool {
+        let of = |errors: &[f64]| errors.iter().map(|e| e * e).sum::<f64>();
+        of(&self.with) < of(&self.without)
+    }
+
+    /// Line that says whether the finger runs them.
+    pub fn told(&self) -> String {
+        let (with, without) = (all(&self.with), all(&self.without));
+        match self.keeps() {
+            true => {
+                format!("force: matrix and force sensors ({with}) over matrix alone ({without})")
+            }
+            false => format!(
+                "force: matrix alone ({without}) over matrix and force sensors ({with}), which do not see the whole force"
+            ),
+        }
+    }
+}
+
+/// Squared errors of the finger's force in the touched rows of a recording, and their number.
+///
+/// Without a value the error is the size of the force.
+fn squares(calibration: &Calibration, recording: &Recording) -> ([f64; 3], f64) {
+    let (finger, mut state) = Finger::new(Some(calibration.clone()));
+    let touched = recording.touched().unwrap_or_default();
+    let (mut sum, mut rows) = ([0.0; 3], 0.0);
+    for (sample, touched) in recording.samples.iter().zip(touched) {
+        let force = finger.estimate(&mut state, &sample.scan).force;
+        let [Some(x), Some(y), Some(z)] = sample.truth.force else { continue };
+        if !touched {
+            continue;
+        }
+        let size = x * x + y * y + z * z;
+        for ((sum, found), known) in sum.iter_mut().zip([force.x, force.y, force.z]).zip([x, y, z])
+        {
+            *sum += found.map_or(size, |found| (f64::from(found.0) - known).powi(2));
+        }
+        rows += 1.0;
+    }
+    (sum, rows)
+}
+
+/// Errors in millinewtons.
+fn all(errors: &[f64]) -> String {
+    let each: Vec<String> = errors.iter().map(|e| format!("{:.1}", 1e3 * e)).collect();
+    format!("{} mN", each.join(" "))
+}
 
 /// RMS errors on presses left out.
 pub(super) struct Judged {
@@ -25,10 +104,6 @@ impl Judged {
 
     /// Lines that say what the finger runs, over what, by which errors.
     pub fn told(&self) -> Vec<String> {
-        let all = |errors: &[f64]| {
-            let each: Vec<String> = errors.iter().map(|e| format!("{:.1}", 1e3 * e)).collect();
-            format!("{} mN", each.join(" "))
-        };
         let (skin, net) = (all(&self.skin), all(&self.net));
         let (kept, left_out) = (self.keeps_skin(), "on presses left out");
         let force = match (self.is_worse(), kept) {
@@ -84,6 +159,18 @@ mod tests {
         let milli = |errors: [f64; 3]| errors.map(|e| 1e-3 * e).to_vec();
         let judged = Judged { skin: milli(skin), net: milli(net), place };
         (judged.keeps_skin(), judged.told().join("\n"))
+    }
+
+    #[test]
+    fn few_force_sensors_are_kept_if_they_help() {
+        let of = |with, without| {
+            let helped = Helped { with, without };
+            (helped.keeps(), helped.told())
+        };
+        let (kept, told) = of([0.01, 0.01, 0.02], [0.03, 0.03, 0.01]);
+        assert!(kept && told.contains("force sensors (10.0 10.0 20.0 mN) over"), "{told}");
+        let (kept, told) = of([0.09, 0.09, 0.02], [0.015, 0.015, 0.01]);
+        assert!(!kept && told.contains("matrix alone (15.0 15.0 10.0 mN) over"), "{told}");
     }
 
     #[test]

@@ -19,6 +19,8 @@ use taxel_regress::metrics::{Figures, TargetMetrics};
 use taxel_regress::model::Family;
 use taxel_regress::network::NetOptions;
 
+use crate::judge;
+
 /// Outputs of a bridge per newton, as fractions of full scale: u = G·f.
 const G: [[f64; 3]; 3] = [[0.008, 0.0004, 0.0], [-0.0003, 0.009, 0.0002], [0.0005, 0.0, 0.012]];
 
@@ -403,4 +405,42 @@ fn fit_error_names_missing_data_and_remedy() {
 
     let wide = FitOptions { hidden: Some(64), ..options() };
     assert!(refused(&[presses(30, 0, 0.0)], &wide).contains("hidden units"));
+}
+
+#[test]
+fn few_force_sensors_help_and_state_their_error() {
+    for count in [1, 2] {
+        let recording = |seed, duration, presses: u32| {
+            let act = judge::presses(presses, [0.0, 0.9], 1.0);
+            let mut samples = judge::run(11, seed, 500, duration, 0.8, &act);
+            let codes = samples.iter_mut().map(|sample| &mut sample.scan.codes);
+            codes.for_each(|codes| codes.bridges[count..].fill(None));
+            let truths = samples.iter_mut().map(|sample| &mut sample.truth);
+            truths.for_each(|truth| truth.sensors = Default::default());
+            Recording { name: format!("{count} sensors"), samples }
+        };
+        let net = NetOptions { seed: 0, starts: 1, steps: 3 };
+        let options = FitOptions { net, hidden: Some(1), ..FitOptions::default() };
+        let fitted =
+            fit(&[recording(1, 31.0, 145)], &options, &mut |_| {}, &AtomicBool::new(false))
+                .unwrap();
+        let told = fitted.choices.iter().find(|line| line.starts_with("force: matrix"));
+        println!("{told:?}");
+        assert!(told.is_some_and(|line| line.contains(" over ")), "{:?}", fitted.choices);
+        let unseen = recording(2, 13.0, 60);
+        let both = evaluate::finger(&fitted.calibration, &unseen);
+        let matrix = Calibration { array: None, ..fitted.calibration };
+        let matrix = evaluate::finger(&matrix, &unseen);
+        let squares = |metrics: &[TargetMetrics]| {
+            let force = metrics.iter().filter(|m| m.target.starts_with('f'));
+            force.map(|m| m.figures.unwrap().rmse.powi(2)).sum::<f64>()
+        };
+        for metrics in &both {
+            println!("{count} {}: {:?} {:?}", metrics.target, metrics.figures, metrics.beyond);
+        }
+        assert!(squares(&both) <= squares(&matrix), "{both:?} {matrix:?}");
+        for metrics in both.iter().filter(|m| m.target.starts_with('f')) {
+            assert!(metrics.beyond.unwrap() < 0.05, "{metrics:?}");
+        }
+    }
 }
