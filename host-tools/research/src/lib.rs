@@ -16,6 +16,7 @@ mod counts;
 pub mod detection;
 pub mod device;
 pub mod edge;
+pub mod effects;
 mod effort;
 pub mod estimators;
 pub mod failures;

@@ -87,9 +87,13 @@ fn comment_that_breaks_a_rule_is_found() {
 
 #[test]
 fn commit_subjects_have_72_characters_at_most() {
-    // Older ones may be longer. An archive of the sources has no commits.
+    // An archive of the sources has no commits.
+    if !root().join(".git").exists() {
+        return;
+    }
+    // Older ones may be longer.
     let log = ["log", "-20", "--since=2026-11-29T06:30:00Z", "--format=%s"];
-    let subjects = lines(program("git", &root()).args(log)).unwrap_or_default();
+    let subjects = lines(program("git", &root()).args(log)).unwrap();
     let long = |subject: &&String| subject.chars().count() > 72 && !subject.starts_with("Merge ");
     assert_eq!(subjects.iter().find(long), None, "shorten it: `git rebase -i` or `--amend`");
 }

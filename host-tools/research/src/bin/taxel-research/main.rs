@@ -2,6 +2,7 @@
 
 mod ablation;
 mod detection;
+mod effects;
 mod peers;
 mod specification;
 
@@ -26,6 +27,7 @@ enum Task {
     Judge(specification::Judge),
     Ablation(ablation::Ablation),
     Detection(detection::Detection),
+    Effects(effects::Effects),
     /// Counts cycles of the 16-16-3 net in other libraries into host-tools/emulator/data/peers.csv
     Peers,
 }
@@ -35,6 +37,7 @@ fn main() -> ExitCode {
         Task::Judge(judge) => specification::judge(&judge),
         Task::Ablation(arguments) => ablation::run(&arguments),
         Task::Detection(arguments) => detection::run(&arguments),
+        Task::Effects(arguments) => effects::run(&arguments),
         Task::Peers => peers::count(),
     };
     match done {
@@ -52,11 +55,11 @@ fn root() -> PathBuf {
     here.ancestors().nth(2).unwrap_or(here).to_owned()
 }
 
-/// Returns docs/accuracy.md with `text` between the marks of a task.
+/// Returns the page with `text` between the marks of a task.
 fn with_part(page: &str, task: &str, text: &str) -> Result<String> {
     let [begin, end] =
         ["begin", "end"].map(|mark| format!("<!-- {mark}: taxel-research {task} -->\n"));
-    let missing = |mark: &str| format!("docs/accuracy.md: no line `{}`", mark.trim_end());
+    let missing = |mark: &str| format!("the page has no line `{}`", mark.trim_end());
     let (before, rest) = page.split_once(&begin).with_context(|| missing(&begin))?;
     let (_, after) = rest.split_once(&end).with_context(|| missing(&end))?;
     Ok(format!("{before}{begin}\n{text}\n{end}{after}"))
