@@ -91,7 +91,7 @@ pub fn device<D: Driver<'static>>(
     config.manufacturer = Some("taxel");
     config.product = Some(product);
     config.serial_number = Some(serial);
-    // LEDs 18 mA, controller 35 mA, bridges 7 mA; see the board's page.
+    // LEDs 8 mA, controller 35 mA, bridges 7 mA, columns 3 mA; see the board's page.
     config.max_power = 100;
     config.max_packet_size_0 = PACKET as u8;
     // From 2.01 on a host asks for capabilities (BOS) and treats an empty answer as an error.

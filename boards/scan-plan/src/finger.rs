@@ -225,8 +225,12 @@ impl Finger {
 /// Reference finger of this project.
 pub const REFERENCE: Finger = Finger {
     pair: Pair {
-        led: "SFH480",
-        led_ohm: 470.0,
+        led: "SFH4050",
+        // 1.86 mA: 0.12 mW/sr towards the phototransistor, which `peak_a` follows from. Assumed are
+        // a light in proportion to the current, from 9 mW/sr at 100 mA on the axis (sheet; at least
+        // 4), and 0.7 of it at 45°. A built finger chooses the resistor by its codes.
+        led_ohm: 1_100.0,
+        // 1.5 V at 100 mA (sheet), less 2kT/q for a factor of e in current, less its resistance.
         led_v: 1.25,
         phototransistor: "SFH3010",
         separation_mm: 1.4,

@@ -2,11 +2,11 @@
 //!
 //! A column's light is in fractions of full scale on 1 kΩ amplified sixteenfold, so that one is a
 //! photocurrent of 206 µA. A mean pair has 155 µA at the peak of its curve and 60 µA at rest.
-//! [DeMaria2011] does not print its own values; the following comes from data sheets. A wide SFH
-//! 482 gives 2.4 mW/sr at 100 mA, so 0.12 mW/sr at the 5 mA that [DeMaria2011] stays below. The
-//! mirrored path of the peak is 2 mm at 45°, with nine tenths reflected, which makes 1.4 mW/cm². An
-//! SFH 3010 gives at least 70 µA for it (25 µA in 0.5 mW/cm²). The pairs here have about twice the
-//! minimum.
+//! [DeMaria2011] does not print its own values; the following comes from data sheets. An SFH 4050
+//! gives 9 mW/sr at 100 mA on its axis. At 45° it is assumed to give 0.7 of that, and at 1.9 mA in
+//! proportion to the current: 0.12 mW/sr. The mirrored path of the peak is 2 mm at 45°, with nine
+//! tenths reflected, which makes 1.4 mW/cm². An SFH 3010 gives at least 70 µA for it (25 µA in
+//! 0.5 mW/cm²). The pairs here have about twice the minimum.
 
 use scan_plan::finger::{REFERENCE, shot_noise};
 use taxel::scan::COLS;

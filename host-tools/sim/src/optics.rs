@@ -150,8 +150,8 @@ impl Optics {
 
 /// Warming of the LEDs by their own current in kelvin, `seconds` after the start.
 ///
-/// All sixteen take 50 mW, next to a controller with twice that: an assumption of 2 K, most of it
-/// within the first minute.
+/// All sixteen take 20 mW with their resistors, next to a controller with 90 mW. Both together are
+/// assumed to warm them by 2 K, most of it within the first minute.
 #[must_use]
 pub fn own_heat(seconds: f64) -> f64 {
     const OWN_K: f64 = 2.0;

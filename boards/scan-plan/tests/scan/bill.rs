@@ -21,10 +21,21 @@ fn rows(finger: &Finger) -> Vec<String> {
     let divider = 1.0 / column.reference_ratio;
     let settles = f64::from(finger.settles_ns()) / 1000.0;
     let tau = 1e6 * finger.time_constant_s();
+    let (range, led) = (finger.converter.range_v, ohms(pair.led_ohm));
+    let current = 1e3 * (range - pair.led_v) / pair.led_ohm;
+    // Supply and resistor at the ends of their tolerance, the least forward voltage; rounded up.
+    let most = (1e5 * (1.02 * range - 1.15) / (0.99 * pair.led_ohm)).ceil() / 100.0;
     vec![
-        format!("| LED, 880 nm | {} | 16 |", pair.led),
+        format!("| LED, 850 nm | {} | 16 |", pair.led),
         format!("| phototransistor | {} | 16 |", pair.phototransistor),
-        format!("| LED resistors | {} 1 % | 16 |", ohms(pair.led_ohm)),
+        format!("| LED resistors | {led} 1 % | 16 |"),
+        format!(
+            "| LED | ({range} V − {} V) / {led} | {current:.2} mA; with 2 % and 1 % and 1.15 V: \
+             **{most:.2} mA** | one row: {:.1} mA |",
+            pair.led_v,
+            4.0 * most
+        ),
+        format!("takes at most {most:.2} mA (an {} bears", pair.led),
         format!("| {} |", supply.regulator),
         format!("| ferrite bead, VDDA | {} (", supply.bead),
         format!("| column amplifier, quad | {} (", column.amplifier),
@@ -36,7 +47,7 @@ fn rows(finger: &Finger) -> Vec<String> {
         ),
         format!("The other input is at VDDA/{divider}"),
         format!("with {} and {:.0} pF", ohms(column.feedback_ohm), 1e12 * column.feedback_f),
-        format!("each with its own {} from VDDA", ohms(pair.led_ohm)),
+        format!("each with its own {led} from VDDA"),
         format!("time constant is {tau:.2} µs at rest"),
         format!("take {settles:.1} µs"),
         format!("--settle {settles:.2}` sets it"),

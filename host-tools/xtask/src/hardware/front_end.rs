@@ -149,7 +149,12 @@ pub fn table(candidates: &[Candidate]) -> Part {
 /// Number of ohms as the pages write it.
 #[must_use]
 pub fn ohms(ohm: f64) -> String {
-    if ohm < 1_000.0 { format!("{ohm:.0} Ω") } else { format!("{:.0} kΩ", ohm / 1_000.0) }
+    let kilo = ohm / 1_000.0;
+    match ohm {
+        ..1_000.0 => format!("{ohm:.0} Ω"),
+        ..10_000.0 => format!("{} kΩ", (10.0 * kilo).round() / 10.0),
+        _ => format!("{kilo:.0} kΩ"),
+    }
 }
 
 /// Shortest settle time of the STM32G431 in nanoseconds.
@@ -309,7 +314,7 @@ mod tests {
             let circuit = all.iter().find(|circuit| circuit.name == name).unwrap();
             measure::measure(circuit, timing).unwrap()
         };
-        let chosen = named("TIA, photodiodes and SFH4050");
+        let chosen = named("TIA, photodiodes, LED at 4.4 mA");
         assert!(chosen.settles_s <= 15e-6 && chosen.ambient < 1e-3, "{chosen:?}");
         assert!(chosen.afterglow.abs() < 1e-4 && chosen.follows.abs() < 1e-4, "{chosen:?}");
         // Parts as now: a change in the row before shows by less than a 12-bit step of itself.

@@ -273,9 +273,8 @@ pub fn supply_step(timing: Timing) -> Result<SupplyStep> {
 pub fn candidates() -> Vec<Circuit> {
     let reference = Circuit::reference();
     let scaled = |name, ohm, front| Circuit { name, ohm, front, ..reference };
-    // Radiant intensities at 100 mA: 2.4 mW/sr of the LED that the photocurrent was calculated
-    // with, 9 mW/sr of an SFH4050.
-    let brighter = 9.0 / 2.4;
+    // 470 Ω give an LED 4.36 mA, at most 4.8 mA; its light is assumed to follow the current.
+    let brighter = REFERENCE.pair.led_ohm / 470.0;
     // The VEMD4110X01 gives 2.4 µA of 1 mW/cm², the pairs' phototransistors 100 µA.
     let diode = reference.rest_a * 2.4 / 100.0;
     let photodiode = Detector::Photodiode(5_000);
@@ -287,7 +286,7 @@ pub fn candidates() -> Vec<Circuit> {
         scaled("1 kΩ load, chip's amplifier ×16", 1_000.0, Front::Load(16.0)),
         Circuit { name: "TIA, emitters on the rows", detector: Detector::Switched, ..reference },
         Circuit {
-            name: "TIA, SFH4050 as LED",
+            name: "TIA, LED at 4.4 mA",
             ohm: ohms(brighter * reference.rest_a),
             rest_a: brighter * reference.rest_a,
             ..reference
@@ -300,7 +299,7 @@ pub fn candidates() -> Vec<Circuit> {
             rest_a: diode,
         },
         Circuit {
-            name: "TIA, photodiodes and SFH4050",
+            name: "TIA, photodiodes, LED at 4.4 mA",
             detector: photodiode,
             front: Front::Amplifier(2e-12),
             ohm: ohms(brighter * diode),

@@ -16,7 +16,7 @@ pub const FRAME_MM: f64 = 24.0;
 pub const SCREW_MM: [f64; 2] = [10.2, 2.2];
 /// Clearance between two parts in mm.
 const CLEARANCE_MM: f64 = 0.1;
-/// Length and width of an SFH3010's package in mm.
+/// Length and width of the packages of LED and phototransistor in mm (SFH4050, SFH3010).
 pub const PACKAGE_MM: [f64; 2] = [1.7, 0.8];
 /// Thickness of the plugs' plate and of the tray's floor in mm.
 const PLATE_MM: f64 = 3.0;

@@ -31,7 +31,8 @@ pub(super) struct Board {
 }
 
 /// Ohms as the bill of materials writes them.
-fn ohms(ohm: f64) -> String {
+#[must_use]
+pub fn ohms(ohm: f64) -> String {
     if ohm < 1_000.0 { format!("{ohm} Ω") } else { format!("{} kΩ", ohm / 1_000.0) }
 }
 

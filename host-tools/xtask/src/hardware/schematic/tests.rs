@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use scan_plan::finger::REFERENCE;
 use scan_plan::pins::G431;
 
-use super::board::{net, port};
+use super::board::{net, ohms, port};
 use super::netlist::{Netlist, Node, PartPin, parse};
 use crate::run::{answer, lines, program, root};
 
@@ -60,7 +60,7 @@ fn columns_and_rows_are_the_reference_fingers() {
         let anodes = netlist.across(pair.led, netlist.net(switch, "3"));
         assert_eq!(anodes.len(), 4);
         for anode in anodes {
-            assert_eq!(netlist.across(&format!("{} Ω 1 %", pair.led_ohm), anode), ["VDDA"]);
+            assert_eq!(netlist.across(&format!("{} 1 %", ohms(pair.led_ohm)), anode), ["VDDA"]);
         }
     }
     // The reference's share of VDDA.
