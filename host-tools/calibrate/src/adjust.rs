@@ -43,8 +43,8 @@ const FADED: f64 = 0.01;
 const SETTLING: f64 = 0.2;
 /// RMS error, as a share of the one before, above which a quantity is worse.
 const WORSE: f64 = 1.05;
-/// The same for the zero, which is measured and not fitted: an old zero may help by chance, where
-/// the matrix says nothing with it and leaves all to the force sensors.
+/// Limit of [`WORSE`] for the zero, which is measured and not fitted: an old zero may help by
+/// chance, where the matrix says nothing with it and leaves all to the force sensors.
 const ZERO_WORSE: f64 = 1.1;
 /// Multiple of the record's own residual from which what is left calls for a new fit.
 const LEFT: f64 = 5.0;

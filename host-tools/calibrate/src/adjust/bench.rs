@@ -36,7 +36,7 @@ type Row = [Option<(Option<f64>, f64)>; QUANTITIES];
 type Press = Vec<Row>;
 /// Mean square error of each quantity over a press.
 type Squares = [Option<f64>; QUANTITIES];
-/// The same of one quantity over all presses.
+/// Mean square error of one quantity over each press.
 type Series = Vec<Option<f64>>;
 
 /// Presses, and what a record is judged by.
