@@ -24,6 +24,8 @@ pub enum Purpose {
     Noise,
     /// Error of a bench's load cell; a property of the run.
     Reference,
+    /// Error of the load cell's moments; a property of the run.
+    ReferenceMoments,
     /// Non-linearity of the converter; a property of the device.
     Nonlinearity,
     /// Errors of load cell and placement in the truth; a property of the run.
@@ -46,6 +48,7 @@ pub fn stream(seed: u64, purpose: Purpose) -> ChaCha8Rng {
         Purpose::Reference => 8,
         Purpose::Nonlinearity => 9,
         Purpose::BenchError => 10,
+        Purpose::ReferenceMoments => 11,
         Purpose::RandomPress(act, press) => 1 << 63 | u64::from(act) << 32 | u64::from(press),
     });
     rng

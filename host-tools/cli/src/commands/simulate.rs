@@ -26,6 +26,10 @@ pub struct Args {
     /// The trace then has the codes and no truth, as in a lab.
     #[arg(long, value_name = "CELL.csv")]
     cell: Option<PathBuf>,
+    /// Axes of that load cell: with six, moments with 0.1 N·mm of noise about its origin, which
+    /// lies 25 mm under the middle of the skin.
+    #[arg(long, value_name = "3|6", default_value_t = 3, value_parser = axes, requires = "cell")]
+    cell_axes: u8,
     #[command(flatten)]
     overwrite: Overwrite,
     /// Print the built-in scenes, one line each.
@@ -67,6 +71,14 @@ pub fn seed(text: &str) -> Result<u64, String> {
     text.parse().map_err(|_| format!("expected a whole number in 0…{}", u64::MAX))
 }
 
+fn axes(text: &str) -> Result<u8, String> {
+    match text {
+        "3" => Ok(3),
+        "6" => Ok(6),
+        _ => Err("expected 3 or 6".to_owned()),
+    }
+}
+
 /// Runs the command.
 ///
 /// The scene is invalid or the trace cannot be written.
@@ -88,7 +100,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let origin = origin(&name, reference, &args.set, args.seed);
     let trace = TraceWriter::create_simulated(pending.path(), header, &origin);
     let mut trace = trace.map_err(named)?;
-    let mut cell = args.cell.map(|path| (path, LoadCell::new(args.seed), Vec::new()));
+    let six = args.cell_axes == 6;
+    let mut cell = args.cell.map(|path| (path, LoadCell::new(args.seed, six), Vec::new()));
     let bar = ProgressBar::new(scene.frames());
     let mut written = 0u64;
     let mut wrong_side = [false; TAXELS];
@@ -110,8 +123,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     interrupt.finishing();
     trace.finish().map_err(named)?;
     pending.commit()?;
-    if let Some((path, _, rows)) = cell {
-        write_log(&path, &rows)?;
+    if let Some((path, cell, rows)) = cell {
+        write_log(&path, cell.header(), &rows)?;
     }
     bar.finish_and_clear();
     let stopped = if interrupt.came() { "; stopped early" } else { "" };
@@ -127,8 +140,8 @@ fn origin(scene: &str, reference: bool, set: &[String], seed: u64) -> String {
 }
 
 /// Writes the load cell's log, which is short.
-fn write_log(path: &Path, rows: &[String]) -> Result<(), FileError> {
-    let lines = [LoadCell::header()].into_iter().chain(rows.iter().map(String::as_str));
+fn write_log(path: &Path, header: &str, rows: &[String]) -> Result<(), FileError> {
+    let lines = [header].into_iter().chain(rows.iter().map(String::as_str));
     taxel_files::save(path, lines.flat_map(|line| [line, "\n"]).collect::<String>())
 }
 
