@@ -62,6 +62,8 @@ struct Row {
     force: [f64; 3],
     /// Moment about the middle of the skin, if the contact point is known.
     moment: Option<[f64; 3]>,
+    /// Standard deviation of its first two components, N·mm.
+    moment_noise: f64,
 }
 
 /// Fits the array of the `live` sensors to the recordings of the finger.
@@ -77,7 +79,9 @@ pub(crate) fn fit(
     if count < LEAST_ROWS {
         return None;
     }
-    let noise = prepared::reference_noise(recordings);
+    let [x, y, z] = prepared::reference_noise(recordings);
+    let moment = moment_noise(&rows);
+    let noise = [x, y, z, moment, moment];
     let (matrix, mut residual) = least_squares(&rows, live)?;
     // Fewer sensors miss a share of the force that grows with load and distance.
     let covered = live.contains(&false).then(|| covered(&matrix, &rows));
@@ -180,12 +184,18 @@ fn rows(prepared: &Prepared<'_>, live: [bool; SENSORS]) -> Vec<Row> {
             if signals.health.bridge_faults & faults != 0 {
                 return None;
             }
-            let mut row = Row { signals: [[0.0; 3]; SENSORS], force: [fx, fy, fz], moment: None };
+            let mut row = Row {
+                signals: [[0.0; 3]; SENSORS],
+                force: [fx, fy, fz],
+                moment: None,
+                moment_noise: 0.0,
+            };
             for (i, u) in row.signals.iter_mut().enumerate().filter(|(i, _)| live[*i]) {
                 *u = signals.bridges[i]?;
             }
             if let [Some(x), Some(y)] = sample.truth.point {
                 let torsion = sample.truth.torsion.unwrap_or_default();
+                row.moment_noise = sample.truth.point_sigma.map_or(0.0, |sigma| sigma * fz);
                 row.moment = Some([y * fz, -x * fz, x * fy - y * fx + torsion]);
             }
             Some(row)
@@ -230,6 +240,13 @@ fn least_squares(rows: &[Vec<Row>], live: [bool; SENSORS]) -> Option<(WrenchMatr
         put(3, moment);
     }
     Some((matrix, residual))
+}
+
+/// RMS noise of the known moments, N·mm.
+fn moment_noise(rows: &[Vec<Row>]) -> f64 {
+    let pointed = || rows.iter().flatten().filter(|row| row.moment.is_some());
+    let squares: f64 = pointed().map(|row| row.moment_noise.powi(2)).sum();
+    (squares / pointed().count().max(1) as f64).sqrt()
 }
 
 /// RMS error of each component of the sum.

@@ -103,7 +103,8 @@ pub fn finger(calibration: &Calibration, recording: &Recording) -> Vec<TargetMet
                 Err(reason) => [Err(reason); 2],
             };
             let sigma = stated.and_then(|stated| stated.point.as_ref().ok());
-            let sigma = sigma.map(|sigma| [Some(sigma.x.0), Some(sigma.y.0)]);
+            let label = truth.point_sigma.unwrap_or_default() as f32;
+            let sigma = sigma.map(|sigma| [sigma.x.0, sigma.y.0].map(|s| Some(s.hypot(label))));
             compare(&mut point, truth.point, (found, sigma.unwrap_or_default()));
         }
         for i in (0..SENSORS).filter(|i| calibration.sensors[*i].is_some()) {

@@ -45,6 +45,8 @@ pub struct Known {
     pub force_noise: [f64; 3],
     /// Whether the contact points are labels; otherwise they are first guesses.
     pub placed: bool,
+    /// Standard deviation of estimated contact points, mm; `None` for measured ones.
+    pub place_noise: Option<f64>,
 }
 
 /// Approximate number of rows after thinning; more rows do not improve the field.
@@ -69,6 +71,9 @@ const STIFF: f64 = 1e6;
 const PLACED: [f64; 2] = [0.02, 0.01];
 /// … and of first guesses: a press has no place of its own.
 const FREE: [f64; 2] = [1e-5, 1.0];
+/// Factor on the noise of a row's estimated place: neighbouring rows share its error, so that they
+/// tell less than they seem to.
+const SHARED: f64 = 4.0;
 /// Steps between two estimates of the places' noise.
 const LEARN_EVERY: usize = 3;
 
@@ -106,9 +111,12 @@ pub fn fit(
         return Err(FitError::TooFewRows { part: part.into(), rows: count, least: LEAST_ROWS });
     }
     let presses = thinned(presses, count.div_ceil(MOST_ROWS));
-    let Known { friction, noise, shear, force_noise, placed } = known;
-    let ([press, row], places) =
-        if placed { (PLACED, Places::Labels) } else { (FREE, Places::Free) };
+    let Known { friction, noise, shear, force_noise, placed, place_noise } = known;
+    let ([press, row], places) = match place_noise {
+        _ if !placed => (FREE, Places::Free),
+        None => (PLACED, Places::Labels),
+        Some(noise) => ([noise, SHARED * noise], Places::Estimated),
+    };
     let labels = Labels { force: force_noise, press, row, places };
     let mut first = Bundle::new(&presses, labels, (friction, noise, shear));
     let mut at = if let Some(start) = start {

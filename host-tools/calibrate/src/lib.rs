@@ -21,6 +21,7 @@ pub mod guide;
 pub mod inverse;
 mod lag;
 pub mod limit_surface;
+pub mod moments;
 mod prepared;
 mod quantise;
 pub mod recording;

@@ -257,6 +257,7 @@ fn between(a: &Truth, b: &Truth, share: f64) -> Truth {
     Truth {
         force: triple(a.force, b.force),
         point: array::from_fn(|k| value(a.point[k], b.point[k])),
+        point_sigma: value(a.point_sigma, b.point_sigma),
         torsion: value(a.torsion, b.torsion),
         contact: nearer.contact,
         slip: nearer.slip,

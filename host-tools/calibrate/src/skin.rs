@@ -75,7 +75,11 @@ pub(crate) fn fit(
     let shear = friction > LEAST_FRICTION;
     let noise = f64::from(noise);
     let friction = friction.max(LEAST_FRICTION);
-    let known = Known { friction, noise, shear, force_noise, placed };
+    let variances = samples.filter_map(|s| s.truth.point_sigma.map(|sigma| sigma * sigma));
+    let variances: Vec<f64> = variances.collect();
+    let place_noise = (!variances.is_empty())
+        .then(|| (variances.iter().sum::<f64>() / variances.len() as f64).sqrt());
+    let known = Known { friction, noise, shear, force_noise, placed, place_noise };
     let whole = inverse::fit("model of the skin", &presses, (known, None), progress, stop)?;
     let mut model = whole.model.clone();
     let [fx, fy, _] = force_noise;

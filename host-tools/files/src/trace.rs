@@ -23,6 +23,8 @@ pub struct Truth {
     pub force: [Option<f64>; 3],
     /// Contact point in millimetres.
     pub point: [Option<f64>; 2],
+    /// Standard deviation of the contact point in millimetres, if it was estimated; never in files.
+    pub point_sigma: Option<f64>,
     /// Torsion about the contact normal in newton millimetres.
     pub torsion: Option<f64>,
     /// True in contact.

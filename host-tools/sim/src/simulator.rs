@@ -244,6 +244,7 @@ impl Simulator {
         Truth {
             force,
             point,
+            point_sigma: None,
             torsion: Some(load.map_or(0.0, |load| load.torsion)),
             contact: Some(load.is_some()),
             slip: Some(load.is_some_and(|load| load.slip)),

@@ -67,6 +67,8 @@ pub(super) struct Labels {
 pub(super) enum Places {
     /// Measured.
     Labels,
+    /// Estimated, with a known noise.
+    Estimated,
     /// First guesses, which count for nothing.
     Free,
 }
@@ -331,7 +333,7 @@ impl<'r> Bundle<'r> {
 
     /// Re-estimates the noise of the places from their posterior.
     pub fn learn_places(&mut self, equations: &Equations) {
-        if self.labels.press <= EXACT || self.labels.places == Places::Free {
+        if self.labels.press <= EXACT || self.labels.places != Places::Labels {
             return;
         }
         let presses = self.presses.len().max(1) as f64;

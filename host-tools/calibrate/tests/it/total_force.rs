@@ -7,8 +7,11 @@ use taxel::finger::Finger;
 use taxel::scan::SENSORS;
 use taxel_calibrate::evaluate::{self, Only};
 use taxel_calibrate::finger::{Channel, FitOptions, Fitted, fit};
+use taxel_calibrate::moments::{Located, WRENCH};
 use taxel_calibrate::recording::Recording;
+use taxel_files::table::Table;
 use taxel_files::trace::{Sample, Truth};
+use taxel_regress::align::Alignment;
 use taxel_regress::network::NetOptions;
 
 use crate::judge::{Rms, presses, run};
@@ -141,6 +144,89 @@ fn contact_points_add_moments_of_the_array() {
         }
     }
     assert!(point.count() > 500 && point.value() < 0.2, "{} mm", point.value());
+}
+
+/// Locates the contacts of [`by_load_cell`] with moments about an origin 25 mm under the skin, 0.1
+/// N·mm of noise, and these factors of the moments.
+fn located(factors: [f64; 3], cell_at: [f64; 3]) -> (Recording, Option<Located>) {
+    let (mut known, truth) = (by_load_cell(), recording(1, |truth| truth));
+    let row = |(row, (noisy, exact)): (usize, (&Sample, &Sample))| {
+        let [fx, fy, fz] = exact.truth.force.map(Option::unwrap);
+        let [x, y] = exact.truth.point.map(Option::unwrap_or_default);
+        let moments = [y * fz + 25.0 * fy, -x * fz - 25.0 * fx, x * fy - y * fx];
+        let moments = moments.into_iter().enumerate().map(|(axis, moment)| {
+            let unit = (78.233 * ((row * 3 + axis) as f64).powi(2)).sin();
+            factors[axis] * (moment + 0.1 * std::f64::consts::SQRT_2 * unit)
+        });
+        noisy.truth.force.into_iter().flatten().chain(moments).collect()
+    };
+    let both = known.samples.iter().zip(&truth.samples).enumerate();
+    let log = Table {
+        path: "cell.csv".into(),
+        names: WRENCH.map(str::to_owned).to_vec(),
+        others: Vec::new(),
+        rows: both.map(row).collect(),
+        times: known.samples.iter().map(|s| s.scan.time.0 as f64 * 1e-6).collect(),
+    };
+    let alignment = Alignment { offset: 0.0, rate: 0.0, residual: 0.0, correlation: 1.0 };
+    let found = known.locate(&log, &alignment, cell_at);
+    (known, found)
+}
+
+#[test]
+fn moments_of_load_cell_give_contact_points() {
+    let (known, found) = located([1.0; 3], [0.0, 0.0, 25.0]);
+    let (unseen, truth) = (recording(2, |truth| truth), recording(1, |truth| truth));
+    assert_eq!(found.as_ref().unwrap().warning, None);
+    let (mut error, mut stated) = (Rms::default(), Rms::default());
+    for (own, exact) in known.samples.iter().zip(&truth.samples) {
+        let ([Some(x), Some(y)], [Some(at_x), Some(at_y)]) = (own.truth.point, exact.truth.point)
+        else {
+            continue;
+        };
+        error.add((x - at_x).hypot(y - at_y));
+        stated.add(std::f64::consts::SQRT_2 * own.truth.point_sigma.unwrap());
+    }
+    let (error, stated) = (error.value(), stated.value());
+    assert!(error < 0.25 && (0.8..1.25).contains(&(stated / error)), "{error} {stated} mm");
+    let fitted = fitted(&known);
+    assert!(channel(&fitted, "x_mm, y_mm").used.contains(&"array of sensors 6x12".to_owned()));
+    assert_eq!(channel(&fitted, "torsion_nmm").used, ["array of sensors 6x12"]);
+    // The noise of the labels is not the array's.
+    assert!(fitted.calibration.array.as_ref().unwrap().moment_residual < 0.1);
+    for (part, most) in [(Only::Matrix, 0.1), (Only::Array, 0.1)] {
+        let (calibration, unseen) = part.of(&fitted.calibration, &unseen);
+        let metrics = evaluate::finger(&calibration, &unseen);
+        for found in metrics.iter().filter(|metrics| metrics.target.ends_with("_mm")) {
+            let error = found.figures.unwrap().rmse;
+            assert!(error < most, "{part:?}, {}: {error}", found.target);
+        }
+    }
+}
+
+#[test]
+fn wrong_origin_or_sign_of_moments_is_warned_of() {
+    let warned = |factors, cell_at| located(factors, cell_at).1.unwrap().warning.unwrap();
+    let nearly_right = warned([1.0; 3], [4.0, 0.0, 25.0]);
+    assert!(nearly_right.contains("4 mm elsewhere; --cell-at 0,0,2"), "{nearly_right}");
+    let forgotten = warned([1.0; 3], [0.0; 3]);
+    assert!(forgotten.contains("--cell-at 0,0,2"), "{forgotten}");
+    let turned = warned([1.0, -1.0, 1.0], [0.0, 0.0, 25.0]);
+    assert!(turned.contains("by my_nmm: probably its sign is wrong"), "{turned}");
+    let metres = warned([1e-3; 3], [0.0, 0.0, 25.0]);
+    assert!(metres.contains("exchanged, or not in N·mm"), "{metres}");
+}
+
+#[test]
+fn own_contact_points_are_kept_beside_moments() {
+    let (mut known, _) = located([1.0; 3], [0.0, 0.0, 25.0]);
+    let before = known.clone();
+    let (names, path) = (WRENCH.map(str::to_owned).to_vec(), "cell.csv".into());
+    let log =
+        Table { path, names, others: vec![], rows: vec![vec![0.0; 6]; 9], times: vec![0.0; 9] };
+    let alignment = Alignment { offset: 0.0, rate: 0.0, residual: 0.0, correlation: 1.0 };
+    assert_eq!(known.locate(&log, &alignment, [0.0; 3]), None);
+    assert_eq!(known, before);
 }
 
 #[test]

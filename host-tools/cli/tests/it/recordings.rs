@@ -323,6 +323,43 @@ fn lag_behind_the_clock_of_a_load_cell_is_found() {
     assert!(off(&hidden) > 3e-3 && hidden["lag_s"].is_null(), "{hidden}");
 }
 
+/// A cell's moments give contact points; a place that is not its own is warned of.
+#[test]
+fn six_axis_load_cell_log_gives_contact_points() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    write("presses.toml", crate::common::SHORT_PRESSES);
+    let simulate = ["simulate", "--scene", "presses.toml", "--seed", "3", "--out", "codes.csv"];
+    taxel.succeeds(&[&simulate[..], &["--cell", "cell.csv", "--cell-axes", "6"]].concat());
+    let fit = ["calibrate", "fit", "--data", "codes.csv", "--model", "ridge", "--force"];
+    let fit = |more: &[&'static str]| [&fit[..], &["--out", "a.toml"], more].concat();
+    let ran = taxel.taxel(&fit(&["--reference", "cell.csv", "--cell-at", "0,0,25"]));
+    assert!(ran.code == Some(0) && !ran.err.contains("moments"), "{}{}", ran.out, ran.err);
+    assert!(ran.out.contains(" rows from its moments\n"), "{}", ran.out);
+    let used = |columns: &str| {
+        let line = ran.out.lines().find(|line| line.starts_with(columns));
+        line.and_then(|line| line.split_once("  used: ")).map(|(_, used)| used.to_owned())
+    };
+    assert_eq!(used("mx_nmm, my_nmm, mz_nmm").unwrap(), "x_mm, y_mm, torsion_nmm of the rows");
+    assert!(used("x_mm, y_mm").unwrap().contains("array of sensors 6x12"), "{}", ran.out);
+    let evaluate = ["calibrate", "evaluate", "--data", "codes.csv", "--calibration", "a.toml"];
+    let evaluate = |more: &[&'static str]| [&evaluate[..], more].concat();
+    let log = ["--reference", "cell.csv", "--cell-at", "0,0,25", "--json"];
+    let judged = crate::common::json(&taxel.succeeds(&evaluate(&log)));
+    assert!(judged["x_mm"]["rmse"].as_f64().unwrap() < 0.2, "{judged}");
+    let warned = taxel.taxel(&evaluate(&["--reference", "cell.csv", "--cell-at", "-4,0,25"])).err;
+    assert!(warned.contains("stood 4 mm elsewhere; --cell-at 0,0,2"), "{warned}");
+    let error = taxel.fails(2, &evaluate(&["--reference", "cell.csv", "--cell-at", "0,25"]));
+    assert!(error.contains("expected three numbers of millimetres, as in 0,0,25"), "{error}");
+    let error = taxel.fails(2, &evaluate(&["--cell-at", "0,0,25"]));
+    assert!(error.contains("--reference"), "{error}");
+    let text = std::fs::read_to_string(folder.path().join("cell.csv")).unwrap();
+    write("no-shear.csv", &text.replace("fx_n", "note").replace("fy_n", "mark"));
+    let error = taxel.fails(1, &evaluate(&["--reference", "no-shear.csv"]));
+    assert!(error.contains("no-shear.csv:1: `fx_n`: no column matches"), "{error}");
+}
+
 /// A log of other presses is refused; of the right one, columns that nothing reads are named.
 #[test]
 fn load_cell_log_of_other_presses_is_refused() {

@@ -325,6 +325,7 @@ impl Columns {
         Ok(Truth {
             force: [cells.number(fx)?, cells.number(fy)?, cells.number(fz)?],
             point: [cells.number(x)?, cells.number(y)?],
+            point_sigma: None,
             torsion: cells.number(torsion)?,
             contact: cells.flag(contact)?,
             slip: cells.flag(slip)?,

@@ -193,6 +193,7 @@ fn sample(time: u64, code: u16) -> Sample {
         truth: Truth {
             force: [Some(0.25), Some(-0.5), Some(1.0)],
             point: [None, Some(-2.0)],
+            point_sigma: None,
             torsion: Some(0.0),
             contact: Some(true),
             slip: Some(false),

@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 
-use super::reference::{CELL, LABELS};
+use super::reference::{CELL, LABELS, SIX_AXES};
 use super::tables::{Csv, cell};
 use crate::marks::{Part, lines};
 
@@ -202,6 +202,7 @@ fn labels() -> Result<String> {
         "| you have | labels | matrix alone | matrix and force sensors |".to_owned(),
         "|---|---|---|---|".to_owned(),
         row("load cell under the finger", CELL)?,
+        row("six-axis load cell under the finger", SIX_AXES)?,
         row(
             "load cell, and a stage or robot that places the indenter",
             "total force, contact point",

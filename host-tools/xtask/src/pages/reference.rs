@@ -1,6 +1,6 @@
 //! Simulates the reference finger for what the other tables lack, by the commands of a user.
 //!
-//! Fits it with three kinds of labels, as labs have them, and measures a data sheet's figures.
+//! Fits it with four kinds of labels, as labs have them, and measures a data sheet's figures.
 //! Writes host-tools/research/data/reference.csv and labels.csv.
 
 use std::fmt::Write as _;
@@ -19,15 +19,20 @@ pub const LABELS: &str = "host-tools/research/data/labels.csv";
 
 /// Labels of a calibration, and columns that the recordings lack beside the simulator's.
 ///
-/// Those of [`CELL`] are in the log of a load cell with noise and a clock of its own.
-const KINDS: [(&str, &[&str]); 3] = [
+/// Those of [`CELL`] and [`SIX_AXES`] are in the log of a load cell with noise and a clock of its
+/// own.
+const KINDS: [(&str, &[&str]); 4] = [
     ("force on each sensor, contact point", &[]),
     ("total force, contact point", &["s0_", "s1_", "s2_", "s3_", "torsion_nmm"]),
     (CELL, &[]),
+    (SIX_AXES, &[]),
 ];
 
 /// Labels of a load cell alone.
 pub const CELL: &str = "load cell's log";
+
+/// Labels of a load cell that has moments.
+pub const SIX_AXES: &str = "six-axis load cell's log";
 
 /// Judged recordings, those of `taxel-research ablation`: scene, seed, duration, presses, time of
 /// each.
@@ -133,10 +138,10 @@ impl Bench {
             let out = calibration(kind);
             for part in PARTS {
                 // The force sensors would show the matrix alone its lag behind a load cell's log.
-                let by_cell = *name == CELL;
+                let by_cell = [CELL, SIX_AXES].contains(name);
                 let lacking = if by_cell && part == "matrix" { &["bridge_"] } else { *lacking };
                 if by_cell || part == PARTS[0] {
-                    self.fitted(by_cell, lacking, &out)?;
+                    self.fitted(name, lacking, &out)?;
                 }
                 let judged = self.judged(&out, part)?;
                 let force = |axis| 1e3 * rms(&judged[..2], axis, true);
@@ -151,11 +156,16 @@ impl Bench {
     }
 
     /// Fits the finger from its recordings without the columns that these begin with.
-    fn fitted(&self, by_cell: bool, lacking: &[&str], out: &str) -> Result<()> {
+    fn fitted(&self, labels: &str, lacking: &[&str], out: &str) -> Result<()> {
+        let (by_cell, axes) = match labels {
+            SIX_AXES => (true, "6"),
+            _ => (labels == CELL, "3"),
+        };
         let mut words = ["calibrate", "fit", "--force", "--out", out].map(str::to_owned).to_vec();
         for (scene, seed) in SCENES {
             let (whole, cell) = (format!("{scene}.csv"), format!("{scene}-cell.csv"));
-            let more: &[&str] = if by_cell { &["--cell", &cell, "--force"] } else { &["--force"] };
+            let more = ["--force", "--cell", &cell, "--cell-axes", axes];
+            let more = if by_cell { &more[..] } else { &more[..1] };
             self.simulate(scene, seed, &whole, &[], more)?;
             let text = without(&std::fs::read_to_string(self.path(&whole))?, lacking)?;
             std::fs::write(self.path(&whole), text)?;
@@ -163,6 +173,9 @@ impl Bench {
             if by_cell {
                 words.extend(["--reference".to_owned(), cell]);
             }
+        }
+        if labels == SIX_AXES {
+            words.extend(["--cell-at", "0,0,25"].map(str::to_owned));
         }
         self.taxel(&words.iter().map(String::as_str).collect::<Vec<_>>()).map(|_| ())
     }

@@ -32,8 +32,10 @@ pub struct Args {
     #[arg(long, value_name = "NEWTONS", value_parser = weight)]
     weight: Option<f64>,
     /// Reference that another clock logged, one for each --data, as for `calibrate fit`.
-    #[arg(long, value_name = "FILE", conflicts_with = "weight")]
+    #[arg(long, value_name = "FILE", conflicts_with = "weight", group = "references")]
     reference: Vec<PathBuf>,
+    #[command(flatten)]
+    cell: data::Cell,
     /// The calibration to start from.
     #[arg(long, value_name = "OLD.toml")]
     calibration: PathBuf,
@@ -153,7 +155,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let old = calibration::read(&args.calibration)?;
     let bar = bar("reading the recordings")?;
     let data::Read { mut recordings, alignments } =
-        data::traces(&args.data, &args.reference, old.lag)?;
+        data::traces(&args.data, (&args.reference, args.cell), old.lag)?;
     if let Some(newtons) = args.weight {
         for recording in &mut recordings {
             adjust::weigh(&old, recording, newtons)?;

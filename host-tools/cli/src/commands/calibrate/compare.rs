@@ -29,8 +29,10 @@ pub struct Args {
     #[arg(long, value_name = "FILE[@FROM..TO]")]
     data: Vec<Stretch>,
     /// Reference that another clock logged, one for each --data, as for `calibrate fit`.
-    #[arg(long, value_name = "FILE", requires = "data")]
+    #[arg(long, value_name = "FILE", requires = "data", group = "references")]
     reference: Vec<PathBuf>,
+    #[command(flatten)]
+    cell: data::Cell,
     /// Print the same as one JSON object.
     #[arg(long)]
     json: bool,
@@ -49,7 +51,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         Kind::Finger => {
             let first = calibration::read(&args.first)?;
             let second = calibration::read(&args.second)?;
-            let read = data::traces(&args.data, &args.reference, first.lag.or(second.lag))?;
+            let read =
+                data::traces(&args.data, (&args.reference, args.cell), first.lag.or(second.lag))?;
             read.note();
             drift::compare(&first, &second, &read.recordings)
         }

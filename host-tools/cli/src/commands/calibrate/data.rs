@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use taxel::condition::LagCompensation;
 use taxel_calibrate::finger::Channel;
+use taxel_calibrate::moments::WRENCH;
 use taxel_calibrate::recording::Recording;
 use taxel_calibrate::reference::DOUBTFUL;
 use taxel_files::recording::{Header, Scans};
@@ -36,6 +37,8 @@ impl<T> Read<T> {
 #[derive(Serialize)]
 pub struct Aligned {
     reference: PathBuf,
+    #[serde(skip)]
+    alignment: Alignment,
     offset_s: f64,
     rate: f64,
     residual_s: f64,
@@ -43,9 +46,15 @@ pub struct Aligned {
     /// Lag of the finger behind its reference; `None` if none was found.
     #[serde(skip_serializing_if = "Option::is_none")]
     lag_s: Option<f64>,
+    /// Rows whose contact point and torsion come from the reference's moments.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    placed_rows: Option<usize>,
     /// Columns of the reference that nothing reads.
     #[serde(skip)]
     unused: Vec<String>,
+    /// Reason why its moments are not used.
+    #[serde(skip)]
+    no_moments: Option<&'static str>,
     /// Whether the reference is of a finger, not of a table.
     #[serde(skip)]
     finger: bool,
@@ -57,12 +66,15 @@ impl Aligned {
         let reference = reference.to_owned();
         Self {
             reference,
+            alignment: found,
             offset_s: offset,
             rate,
             residual_s: residual,
             correlation,
             lag_s: None,
+            placed_rows: None,
             unused: Vec::new(),
+            no_moments: None,
             finger: false,
         }
     }
@@ -75,8 +87,11 @@ impl Aligned {
             }
             None => String::new(),
         };
+        let placed = self.placed_rows.map_or_else(String::new, |rows| {
+            format!("; contact point of {rows} rows from its moments")
+        });
         format!(
-            "{}: clock {:+.4} s, {:+.3} % fast, within {:.1} ms; correlation {:.4}{finger}",
+            "{}: clock {:+.4} s, {:+.3} % fast, within {:.1} ms; correlation {:.4}{finger}{placed}",
             self.reference.display(),
             self.offset_s,
             1e2 * self.rate,
@@ -86,11 +101,30 @@ impl Aligned {
     }
 }
 
-/// Columns of a six-axis load cell besides the forces.
-const MOMENTS: [&str; 3] = ["mx_nmm", "my_nmm", "mz_nmm"];
+/// Place of a six-axis load cell.
+#[derive(Clone, Copy, clap::Args)]
+pub struct Cell {
+    /// Origin of the reference's moments mx_nmm, my_nmm, mz_nmm in millimetres from the middle of
+    /// the skin's surface: 0,0,25 is 25 mm under it [default: 0,0,0].
+    #[arg(long, value_name = "X,Y,Z", value_parser = millimetres, allow_hyphen_values = true, requires = "references")]
+    cell_at: Option<[f64; 3]>,
+}
 
-/// Columns of the references that nothing reads: moments, and all others.
-pub fn unused(alignments: &[Aligned]) -> impl Iterator<Item = Channel> {
+fn millimetres(text: &str) -> Result<[f64; 3], String> {
+    let values: Vec<f64> = text.split(',').map_while(|value| value.trim().parse().ok()).collect();
+    match values[..] {
+        [x, y, z] if text.split(',').count() == 3 && values.iter().all(|mm| mm.abs() < 1000.0) => {
+            Ok([x, y, z])
+        }
+        _ => Err("expected three numbers of millimetres, as in 0,0,25".to_owned()),
+    }
+}
+
+/// Columns of a six-axis load cell besides the forces.
+const MOMENTS: &[&str] = WRENCH.split_at(3).1;
+
+/// Columns of the references besides forces and time: moments, and all others.
+pub fn other_reference_columns(alignments: &[Aligned]) -> impl Iterator<Item = Channel> {
     let mut names: Vec<&str> = Vec::new();
     for name in alignments.iter().flat_map(|aligned| &aligned.unused) {
         if !names.contains(&name.as_str()) {
@@ -99,11 +133,16 @@ pub fn unused(alignments: &[Aligned]) -> impl Iterator<Item = Channel> {
     }
     let (moments, others): (Vec<&str>, Vec<&str>) =
         names.into_iter().partition(|name| MOMENTS.contains(name));
-    let moments = leftover(
-        &moments,
-        "no moments are read; give contact points as x_mm, y_mm in the recording",
-    );
-    let others = leftover(&others, "of a --reference log, fx_n, fy_n, fz_n and the time are read");
+    let placed = alignments.iter().any(|aligned| aligned.placed_rows.is_some());
+    let used = placed.then(|| Channel {
+        columns: MOMENTS.join(", "),
+        used: vec!["x_mm, y_mm, torsion_nmm of the rows".to_owned()],
+        why: String::new(),
+    });
+    let why = alignments.iter().find_map(|aligned| aligned.no_moments);
+    let incomplete = "a contact point needs all of mx_nmm, my_nmm, mz_nmm";
+    let moments = used.or_else(|| leftover(&moments, why.unwrap_or(incomplete)));
+    let others = leftover(&others, "of a --reference log, forces, moments and the time are read");
     moments.into_iter().chain(others)
 }
 
@@ -138,10 +177,11 @@ pub fn other_columns(data: &[Stretch]) -> anyhow::Result<Vec<Channel>> {
 }
 
 /// Reads traces of a finger, or recordings of its codes. Each must have rows. `references` is
-/// empty, or has one for each. `lag` is that of the finger's calibration, if there is one.
+/// empty, or has one for each; `cell` is the place of their moments. `lag` is that of the finger's
+/// calibration, if there is one.
 pub fn traces(
     stretches: &[Stretch],
-    references: &[PathBuf],
+    (references, cell): (&[PathBuf], Cell),
     lag: Option<LagCompensation>,
 ) -> anyhow::Result<Read<Recording>> {
     let mut read = Read { recordings: Vec::new(), alignments: Vec::new() };
@@ -174,6 +214,9 @@ pub fn traces(
     {
         *own = aligned(recording, path, lag)?;
     }
+    for (recording, own) in read.recordings.iter_mut().zip(&mut read.alignments) {
+        locate(recording, own, cell)?;
+    }
     for (recording, aligned) in read.recordings.iter().zip(&read.alignments) {
         let (of, found) = (aligned.reference.display(), aligned.correlation);
         if found < DOUBTFUL {
@@ -197,6 +240,29 @@ fn aligned(
     let (found, late) = recording.align(&reference, lag)?;
     let unused = reference.others;
     Ok(Aligned { lag_s: late, unused, finger: true, ..Aligned::new(path, found) })
+}
+
+/// Takes contact points from the moments of the recording's reference, if it has them.
+fn locate(recording: &mut Recording, own: &mut Aligned, cell: Cell) -> anyhow::Result<()> {
+    if !MOMENTS.iter().all(|moment| own.unused.iter().any(|column| column == moment)) {
+        return Ok(());
+    }
+    let log = table::read(&Stretch::whole(&own.reference), &WRENCH)?;
+    let cell_at = cell.cell_at.unwrap_or_default();
+    let Some(located) = recording.locate(&log, &own.alignment, cell_at) else {
+        own.no_moments = Some("the recording has x_mm, y_mm of its own");
+        return Ok(());
+    };
+    if let Some(warning) = located.warning {
+        output::note(format_args!("taxel: warning: {warning}"));
+    }
+    if located.rows == 0 {
+        own.no_moments = Some("they tell the contact point in too few rows");
+    } else {
+        own.placed_rows = Some(located.rows);
+        own.unused.retain(|column| !MOMENTS.contains(&column.as_str()));
+    }
+    Ok(())
 }
 
 /// Reads CSV files of any sensor, with references as in [`traces`].

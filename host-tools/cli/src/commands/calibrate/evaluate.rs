@@ -26,8 +26,10 @@ pub struct Args {
     #[arg(long, value_name = "FILE[@FROM..TO]", required = true)]
     data: Vec<Stretch>,
     /// Reference that another clock logged, one for each --data, as for `calibrate fit`.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", group = "references")]
     reference: Vec<PathBuf>,
+    #[command(flatten)]
+    cell: data::Cell,
     /// Evaluate one part of a finger, as if it had only that.
     #[arg(long, value_enum, value_name = "PART")]
     only: Option<PartName>,
@@ -103,7 +105,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         Kind::Finger => {
             let calibration = calibration::read(&args.calibration)?;
             let only = args.only.map_or(Only::Both, Only::from);
-            let read = data::traces(&args.data, &args.reference, calibration.lag)?;
+            let read = data::traces(&args.data, (&args.reference, args.cell), calibration.lag)?;
             read.note();
             let judge = |recording| {
                 let (calibration, recording) = only.of(&calibration, recording);

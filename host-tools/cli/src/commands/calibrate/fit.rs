@@ -57,8 +57,10 @@ pub struct Args {
     /// Reference that another clock logged, one for each --data, with a time column t_s or t_us.
     /// Offset and rate of its clock are found from the load in both. Its columns are --targets, or
     /// fx_n, fy_n, fz_n.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", group = "references")]
     reference: Vec<PathBuf>,
+    #[command(flatten)]
+    cell: data::Cell,
     /// Fit this MEMS sensor from force on it alone, whatever the recordings contain.
     #[arg(long, value_name = "0…3", value_parser = clap::value_parser!(u8).range(0..4), conflicts_with_all = ["inputs", "hidden"])]
     sensor: Option<u8>,
@@ -351,7 +353,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
 fn finish(args: &Args, fitted: Fitted, alignments: Vec<Aligned>) -> anyhow::Result<Outcome> {
     calibration::write(&args.out, &fitted.calibration)?;
     let mut channels = fitted.channels;
-    channels.extend(data::unused(&alignments));
+    channels.extend(data::other_reference_columns(&alignments));
     let outcome = Outcome::new(args, fitted.parts, alignments, fitted.warnings);
     Ok(Outcome { channels, choices: fitted.choices, ..outcome })
 }
@@ -365,7 +367,8 @@ fn fit_finger(
 ) -> anyhow::Result<Outcome> {
     // A lag is looked for where it is compensated.
     let lag = (args.net_only || args.sensor.is_some()).then(LagCompensation::default);
-    let data::Read { recordings, alignments } = data::traces(&args.data, &args.reference, lag)?;
+    let data::Read { recordings, alignments } =
+        data::traces(&args.data, (&args.reference, args.cell), lag)?;
     let matrix = recordings
         .iter()
         .flat_map(|recording| &recording.samples)

@@ -20,6 +20,7 @@ use crate::output::{self, Overwrite};
 /// shows the range of those recordings, and warns where they cannot support the calibration.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
+#[command(group(clap::ArgGroup::new("references").multiple(true).args(["reference", "fitted_reference"])))]
 pub struct Args {
     /// A recording to evaluate on, or a stretch of it in seconds; may be given several times.
     #[arg(long, value_name = "FILE[@FROM..TO]", required = true)]
@@ -27,6 +28,8 @@ pub struct Args {
     /// Reference that another clock logged, one for each --data, as for `calibrate fit`.
     #[arg(long, value_name = "FILE")]
     reference: Vec<PathBuf>,
+    #[command(flatten)]
+    cell: data::Cell,
     /// A recording that the calibration was fitted to; may be given several times.
     #[arg(long, value_name = "FILE[@FROM..TO]")]
     fitted_to: Vec<Stretch>,
@@ -64,12 +67,16 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let mut report = match calibration::kind(&args.calibration)? {
         Kind::Finger => {
             let calibration = calibration::read(&args.calibration)?;
-            let judged = data::traces(&args.data, &args.reference, calibration.lag)?;
-            let fitted = data::traces(&args.fitted_to, &args.fitted_reference, calibration.lag)?;
+            let judged = data::traces(&args.data, (&args.reference, args.cell), calibration.lag)?;
+            let fitted = data::traces(
+                &args.fitted_to,
+                (&args.fitted_reference, args.cell),
+                calibration.lag,
+            )?;
             judged.note();
             let mut report = judge(&calibration, &judged.recordings, &fitted.recordings);
             report.channels.extend(data::other_columns(&args.data)?);
-            report.channels.extend(data::unused(&judged.alignments));
+            report.channels.extend(data::other_reference_columns(&judged.alignments));
             report
         }
         Kind::Table => {
