@@ -24,6 +24,8 @@ const LEAST_ROWS: usize = 20;
 const MOST_ROWS: usize = 4096;
 /// Settling time left out after a contact: twice the 10 ms of the skin of [Ospina2017].
 const SETTLE_US: u64 = 20_000;
+/// Time before and after a touch in which a press may have begun or not have ended.
+const FLANK_US: u64 = 50_000;
 /// Least force, as a share of the recording's peak.
 const SMALL_FORCE: f64 = 0.005;
 /// Least force, in standard deviations of the reference.
@@ -180,14 +182,35 @@ impl Recording {
 
     /// Standard deviation of each force component of the reference while nothing is touched.
     ///
-    /// Zero for a component without a reference, and for an exact one.
+    /// Zero for a component without a reference, and for an exact one. Between short presses it
+    /// counts their flanks, up to the least force of a touch, as noise.
     pub(crate) fn reference_noise(&self) -> [f64; 3] {
-        let untouched: Vec<&Sample> = self
-            .touched()
-            .map(|touched| self.samples.iter().zip(touched).filter(|row| !row.1).map(|row| row.0))
-            .into_iter()
-            .flatten()
-            .collect();
+        self.noise_of(&self.touched().unwrap_or_else(|| vec![true; self.samples.len()]))
+    }
+
+    /// Noise of the reference as [`Self::reference_noise`], without the flanks of presses.
+    pub(crate) fn still_noise(&self) -> [f64; 3] {
+        let Some(mut touched) = self.touched() else { return [0.0; 3] };
+        let time = |i: usize| self.samples[i].scan.time.0;
+        let pressed: Vec<usize> = (0..touched.len()).filter(|i| touched[*i]).collect();
+        for at in pressed {
+            let before = (0..at).rev().take_while(|i| time(*i) + FLANK_US >= time(at));
+            let after = (at + 1..touched.len()).take_while(|i| time(*i) <= time(at) + FLANK_US);
+            // Rows of the same press are touched already.
+            let before: Vec<usize> = before.take_while(|i| !touched[*i]).collect();
+            let after: Vec<usize> = after.take_while(|i| !touched[*i]).collect();
+            before.into_iter().chain(after).for_each(|i| touched[i] = true);
+        }
+        match touched.iter().filter(|touched| !**touched).count() {
+            still if still < LEAST_ROWS => self.reference_noise(),
+            _ => self.noise_of(&touched),
+        }
+    }
+
+    /// Standard deviation of each force component of the reference in the rows not `left_out`.
+    fn noise_of(&self, left_out: &[bool]) -> [f64; 3] {
+        let rows = self.samples.iter().zip(left_out).filter(|row| !row.1);
+        let untouched: Vec<&Sample> = rows.map(|row| row.0).collect();
         array::from_fn(|axis| {
             let values: Vec<f64> = untouched.iter().filter_map(|s| s.truth.force[axis]).collect();
             let middle = median(values.clone());
@@ -313,6 +336,34 @@ pub(crate) fn in_order(
 ) -> Vec<f64> {
     let bridges = bridges.iter().flatten().flatten();
     taxels.iter().flatten().chain(bridges).map(|value| f64::from(*value)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    #[test]
+    fn flanks_of_presses_are_no_noise_of_the_reference() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        // A second at rest, then presses of 0.2 s without a pause, with 6 mN of noise.
+        let sample = |i: u32| {
+            let turn = f64::from(i % 40) / 40.0 * std::f64::consts::TAU;
+            let press = if i < 200 { 0.0 } else { 1.0 - turn.cos() };
+            // The sum of twelve has a standard deviation of one.
+            let mut noise =
+                || 6e-3 * ((0..12).map(|_| rng.random_range(0.0..1.0)).sum::<f64>() - 6.0);
+            let force = [Some(noise()), Some(noise()), Some(press + noise())];
+            bare_sample(u64::from(i) * 5000, Truth { force, ..Truth::default() })
+        };
+        let samples: Vec<Sample> = (0..4200).map(sample).collect();
+        let recording = Recording { name: "presses".into(), samples };
+        for (plain, still) in recording.reference_noise().into_iter().zip(recording.still_noise()) {
+            assert!((still - 6e-3).abs() < 1e-3, "{still} {plain}");
+        }
+        assert!(recording.reference_noise()[2] > 8e-3);
+    }
 }
 
 /// Row of a trace with a truth and no codes.

@@ -6,9 +6,12 @@ use nalgebra::DMatrix;
 use taxel::calibration::Calibration;
 use taxel::condition::{Bias, Levels};
 use taxel::scan::{SENSORS, TAXELS};
+use taxel_files::trace::Sample;
 
 /// Correlation above which two channels count as the same.
 const SAME: f64 = 0.9999;
+/// Largest share of a recording's loaded rows that one of the fit may have as well.
+const SHARED: f64 = 0.01;
 /// Fewest recordings for a model choice by whole held-out recordings, as in [Ospina2017].
 const FEW: usize = 3;
 
@@ -52,10 +55,22 @@ pub(crate) fn no_forecast(recording: &str) -> String {
 /// Warnings about the recordings among `judged` that were part of the fit.
 pub(crate) fn not_held_out(judged: &[Recording], fitted: &[Recording]) -> Vec<String> {
     let known = |recording: &&Recording| {
-        let first = recording.samples.first();
-        fitted.iter().any(|fitted| {
-            fitted.name == recording.name && first.is_some_and(|row| fitted.samples.contains(row))
-        })
+        // Unloaded rows of simulations without noise are alike in every recording.
+        let touched = recording.touched().unwrap_or_else(|| vec![true; recording.samples.len()]);
+        let rows = recording.samples.iter().zip(touched).filter(|row| row.1);
+        let (mut loaded, mut shared) = (0, 0);
+        for (sample, _) in rows {
+            loaded += 1;
+            // Names and labels do not count: a copy may have another name or reference.
+            shared += usize::from(fitted.iter().any(|fitted| {
+                let at = fitted.samples.partition_point(|s| s.scan.time < sample.scan.time);
+                let alike = |s: &Sample| {
+                    (s.scan.time, &s.scan.codes) == (sample.scan.time, &sample.scan.codes)
+                };
+                fitted.samples.get(at).is_some_and(alike)
+            }));
+        }
+        shared as f64 > SHARED * f64::from(loaded)
     };
     judged.iter().filter(known).map(|recording| no_forecast(&recording.name)).collect()
 }

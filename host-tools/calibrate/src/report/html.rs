@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::figures::Figures;
 use super::judge::{Report, Trial};
-use super::map::ErrorMap;
+use super::map::{ErrorMap, counted};
 use super::papers::{ANGLE_DEG, Printed, Requirement};
 use super::plots;
 use super::series::{fine, split_unit};
@@ -74,7 +74,7 @@ pub fn page(report: &Report, made: &str, of: &str) -> String {
 
 /// Writes the uses that the calibration is good for, and those that it is not.
 fn verdict(page: &mut String, report: &Report) {
-    let Verdict { good_for, not_for, not_judged, tested, .. } = &report.verdict;
+    let Verdict { good_for, not_for, not_judged, doubts, tested, .. } = &report.verdict;
     *page += "<section class=verdict>";
     if !report.simulated.is_empty() {
         *page += "<p class=simulated><b>Simulated.</b> These figures are of a simulation, not of a \
@@ -83,6 +83,9 @@ fn verdict(page: &mut String, report: &Report) {
             let _ = write!(page, " {}.", escaped(origin));
         }
         *page += "</p>";
+    }
+    for doubt in doubts {
+        let _ = write!(page, "<p class=simulated>{}.</p>", escaped(&sentence(doubt)));
     }
     let lists = [("Good for", "good", good_for), ("Not for", "bad", not_for)];
     for (title, class, uses) in lists.into_iter().chain([("Not judged", "open", not_judged)]) {
@@ -161,13 +164,18 @@ fn errors(page: &mut String, maps: &[ErrorMap]) {
                     *page += "<td class=none>–";
                     continue;
                 };
-                let told = amount(region.error, map.unit);
+                let presses = region.presses;
+                let Some(error) = region.error else {
+                    let _ =
+                        write!(page, "<td class=need0>no value<small>{}</small>", counted(presses));
+                    continue;
+                };
+                let told = amount(error, map.unit);
                 let number = told.split(' ').next().unwrap_or_default();
                 let _ = write!(
                     page,
-                    "<td class=need{}>{number}<small>{}</small>",
-                    map.needs.iter().filter(|need| region.error <= **need).count(),
-                    region.presses
+                    "<td class=need{}>{number}<small>{presses}</small>",
+                    map.needs.iter().filter(|need| error <= **need).count(),
                 );
             }
             *page += "</tr>";
@@ -473,6 +481,12 @@ fn short(name: &str) -> String {
     escaped(split_unit(name).0)
 }
 
+/// Text with its first letter in upper case.
+fn sentence(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
+}
+
 fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
@@ -481,7 +495,7 @@ fn escaped(text: &str) -> String {
 mod tests {
     use super::super::judge::{About, assemble};
     use super::super::series::{Kind, Row, Series};
-    use super::super::verdict::of_finger;
+    use super::super::verdict::{HeldOut, of_finger};
     use super::*;
 
     /// Series of 40 presses of ten rows around the pad, off by up to `error`.
@@ -501,7 +515,8 @@ mod tests {
             series.reference.push(if loaded { reference } else { 0.0 });
             series.estimate.push(Some(if loaded { reference + off } else { 0.0 }));
             series.sigma.push(loaded.then_some(error));
-            series.rows.push(Row { press, flagged: row == 5, place: loaded.then_some(place) });
+            let (flagged, place) = (row == 5, loaded.then_some(place));
+            series.rows.push(Row { press, flagged, place, ..Row::default() });
         }
         series
     }
@@ -530,7 +545,7 @@ mod tests {
         let trial = Trial::new("unseen.csv".into(), 8.0, 800, series.to_vec());
         let quantities = of_finger();
         let about = About { serial: "F-1".into(), date: 0, parts: vec![] };
-        let report = assemble(about, vec![], vec![trial], vec![], (&quantities, true));
+        let report = assemble(about, vec![], vec![trial], vec![], (&quantities, HeldOut::Yes));
         let used = |columns: &str, used: &[&str], why: &str| Channel {
             columns: columns.into(),
             used: used.iter().map(|used| (*used).to_owned()).collect(),

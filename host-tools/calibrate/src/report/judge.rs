@@ -17,7 +17,7 @@ use super::map::{self, ErrorMap};
 use super::papers::{self, Printed, Requirement};
 use super::series::{self, Kind, Series};
 use super::stated::{Stated, stated};
-use super::verdict::{self, Quantity, Verdict, verdict};
+use super::verdict::{self, HeldOut, Quantity, Verdict, verdict};
 
 /// Columns of a force's components.
 const FORCES: [&str; 3] = ["fx_n", "fy_n", "fz_n"];
@@ -115,12 +115,28 @@ pub struct Angle {
 /// Judges `calibration` on the recordings `judged`; `fitted` are those of the fit, if known.
 #[must_use]
 pub fn judge(calibration: &Calibration, judged: &[Recording], fitted: &[Recording]) -> Report {
-    let trials: Vec<Trial> = judged.iter().map(|r| trial(calibration, r)).collect();
+    judge_by_clocks(calibration, judged, fitted, &[])
+}
+
+/// Judges as [`judge`], where the clocks of some references may hide a lag of the finger.
+///
+/// `hidden` tells it of each judged recording; it is empty if all labels have the finger's clock.
+/// Forces are judged at rest in such a recording.
+#[must_use]
+pub fn judge_by_clocks(
+    calibration: &Calibration,
+    judged: &[Recording],
+    fitted: &[Recording],
+    hidden: &[bool],
+) -> Report {
+    let hides = |i: usize| hidden.get(i).copied().unwrap_or(false);
+    let trials = judged.iter().enumerate();
+    let trials: Vec<Trial> = trials.map(|(i, r)| trial(calibration, r, hides(i))).collect();
     let seen: Vec<Vec<Series>> = fitted.iter().map(|r| series::run(calibration, r)).collect();
     let heard: Vec<Vec<Series>> = trials.iter().map(|trial| trial.series.clone()).collect();
     let coverage = coverage::maps(&seen, &heard);
     let mut warnings = doubts::not_held_out(judged, fitted);
-    let held_out = warnings.is_empty();
+    let held_out = HeldOut::of(fitted.is_empty(), &warnings);
     warnings.extend(doubts::doubts(calibration, fitted));
     let about = about(calibration, if fitted.is_empty() { judged } else { fitted });
     let report = assemble(about, warnings, trials, coverage, (&verdict::of_finger(), held_out));
@@ -128,14 +144,12 @@ pub fn judge(calibration: &Calibration, judged: &[Recording], fitted: &[Recordin
 }
 
 /// Assembles the report with its verdict and adds warnings about coverage.
-///
-/// The calibration was fitted to none of the trials if they are `held_out`.
 pub(crate) fn assemble(
     about: About,
     mut warnings: Vec<String>,
     trials: Vec<Trial>,
     coverage: Vec<Coverage>,
-    (quantities, held_out): (&[Quantity], bool),
+    (quantities, held_out): (&[Quantity], HeldOut),
 ) -> Report {
     for map in &coverage {
         if let Some(percent) = map.beyond_percent
@@ -149,10 +163,13 @@ pub(crate) fn assemble(
         }
     }
     let stated = stated(&trials);
+    let errors = map::maps(quantities, &trials);
+    let mut verdict = verdict(quantities, &trials, &stated, held_out);
+    verdict.add_regions(&errors);
     Report {
-        verdict: verdict(quantities, &trials, &stated, held_out),
+        verdict,
         simulated: Vec::new(),
-        errors: map::maps(quantities, &trials),
+        errors,
         stated,
         channels: Vec::new(),
         about,
@@ -241,8 +258,11 @@ fn net_model(net: &Net) -> String {
     format!("16 taxels → {units} tanh units → {}{skip}{form}", net.outputs())
 }
 
-fn trial(calibration: &Calibration, recording: &Recording) -> Trial {
-    let series = series::run(calibration, recording);
+fn trial(calibration: &Calibration, recording: &Recording, hidden: bool) -> Trial {
+    let mut series = series::run(calibration, recording);
+    if hidden {
+        series::leave_changing_out(&mut series, recording);
+    }
     let time = |sample: Option<&taxel_files::trace::Sample>| sample.map_or(0, |s| s.scan.time.0);
     let begin = time(recording.samples.first());
     let seconds = time(recording.samples.last()).saturating_sub(begin) as f64 * 1e-6;

@@ -1,5 +1,7 @@
 //! Series of references and estimates, row by row, by the arithmetic of the chip.
 
+use std::collections::BTreeSet;
+
 use crate::evaluate::FLAGS;
 use crate::recording::Recording;
 use taxel::calibration::Calibration;
@@ -21,6 +23,11 @@ pub enum Kind {
     /// Reference column of any other sensor.
     Column(String),
 }
+
+/// Time to either side in which a label at rest does not change: the longest lag of a coating.
+const BESIDE_US: u64 = 20_000;
+/// Largest change of a label at rest, as a share of the largest force.
+const AT_REST: f64 = 0.01;
 
 /// Units by the last part of a column's name.
 const UNITS: [(&str, &str); 8] = [
@@ -121,6 +128,8 @@ pub(crate) struct Row {
     pub flagged: bool,
     /// Labelled contact point, else the estimated one.
     pub place: Option<[f64; 2]>,
+    /// Whether the label changes where the clock of its reference may hide a lag.
+    pub changing: bool,
 }
 
 impl Series {
@@ -155,6 +164,16 @@ impl Series {
         })
     }
 
+    /// Loaded rows as [`Self::loaded`], without those whose label changes behind a hidden lag.
+    pub(crate) fn judged(&self) -> impl Iterator<Item = (Row, Option<f64>)> + '_ {
+        self.loaded().filter(|(row, _)| !row.changing)
+    }
+
+    /// Whether the clock of the reference may hide a lag.
+    pub(crate) fn hides_lag(&self) -> bool {
+        self.rows.iter().any(|row| row.changing)
+    }
+
     /// Largest minus smallest reference.
     pub(crate) fn span(&self) -> f64 {
         let (low, high) = extent(self.reference.iter().copied());
@@ -172,7 +191,7 @@ pub(crate) fn extent(values: impl Iterator<Item = f64>) -> (f64, f64) {
 /// On the bench, with only one calibrated sensor, `fx_n` … are the force on that sensor.
 pub(crate) fn run(calibration: &Calibration, recording: &Recording) -> Vec<Series> {
     let mut all: Vec<Series> = Kind::all().map(Series::empty).collect();
-    let noise = recording.reference_noise();
+    let noise = recording.still_noise();
     for series in &mut all {
         if let Kind::Force(axis) = series.kind {
             series.label_noise = noise[axis];
@@ -191,17 +210,58 @@ pub(crate) fn run(calibration: &Calibration, recording: &Recording) -> Vec<Serie
         };
         let flagged = FLAGS.iter().any(|flag| estimate.status.contains(*flag));
         for series in &mut all {
-            if let Some(reference) = reference(&series.kind, sample, &estimate) {
+            if let Some(reference) = reference(&series.kind, sample, &estimate, press) {
                 series.time.push(time);
                 series.reference.push(reference);
                 series.estimate.push(said(&series.kind, &estimate, bench).map(f64::from));
                 series.sigma.push(stated(&series.kind, &estimate, bench).map(f64::from));
-                series.rows.push(Row { press, flagged, place });
+                series.rows.push(Row { press, flagged, place, changing: false });
             }
         }
     }
-    all.retain(|series| series.estimate.iter().any(Option::is_some));
+    // A labelled quantity without any value is missing, unless no part could give it.
+    let expected = |kind: &Kind| match kind {
+        Kind::Sensor(sensor, _) => calibration.sensors[*sensor].is_some(),
+        _ => bench.is_none(),
+    };
+    all.retain(|series| {
+        let labelled = !series.reference.is_empty();
+        labelled && (expected(&series.kind) || series.estimate.iter().any(Option::is_some))
+    });
     all
+}
+
+/// Marks the rows of forces that change, because a hidden lag errs there and only there.
+///
+/// A row is at rest if no component differs from it by more than [`AT_REST`] within [`BESIDE_US`].
+pub(crate) fn leave_changing_out(all: &mut [Series], recording: &Recording) {
+    let noise = recording.still_noise().into_iter().fold(0.0, f64::max);
+    let forces = all.iter().filter(|series| matches!(series.kind, Kind::Force(_)));
+    let peak = forces.map(|series| extent(series.reference.iter().map(|f| f.abs())).1);
+    let most = AT_REST * peak.fold(0.0, f64::max) + 4.0 * noise;
+    let time = |i: usize| recording.samples[i].scan.time.0;
+    let differs = |i: usize, j: usize| {
+        let [a, b] = [i, j].map(|at| recording.samples[at].truth.force);
+        a.into_iter().zip(b).any(|(a, b)| a.zip(b).is_some_and(|(a, b)| (a - b).abs() > most))
+    };
+    let (mut first, mut changing) = (0, BTreeSet::new());
+    for i in 0..recording.samples.len() {
+        while time(first) + BESIDE_US < time(i) {
+            first += 1;
+        }
+        let after = (i..recording.samples.len()).take_while(|j| time(*j) <= time(i) + BESIDE_US);
+        if (first..i).chain(after).any(|j| differs(i, j)) {
+            changing.insert(time(i));
+        }
+    }
+    let begin = recording.samples.first().map_or(0, |sample| sample.scan.time.0);
+    let changing: BTreeSet<u64> =
+        changing.into_iter().map(|at| (at.saturating_sub(begin) as f64 * 1e-6).to_bits()).collect();
+    for series in all.iter_mut().filter(|series| matches!(series.kind, Kind::Force(_))) {
+        for (row, time) in series.rows.iter_mut().zip(&series.time) {
+            row.changing = changing.contains(&time.to_bits());
+        }
+    }
 }
 
 /// Number of the press of each row.
@@ -235,14 +295,19 @@ fn bench_sensor(calibration: &Calibration) -> Option<usize> {
     }
 }
 
-fn reference(kind: &Kind, sample: &Sample, estimate: &Estimate) -> Option<f64> {
+fn reference(
+    kind: &Kind,
+    sample: &Sample,
+    estimate: &Estimate,
+    press: Option<usize>,
+) -> Option<f64> {
     let truth = &sample.truth;
     match kind {
         Kind::Force(axis) => truth.force[*axis],
         // A point is judged only during contact.
         Kind::Point(axis) => truth
             .contact
-            .unwrap_or_else(|| estimate.status.contains(Status::CONTACT))
+            .unwrap_or_else(|| press.is_some() || estimate.status.contains(Status::CONTACT))
             .then_some(truth.point[*axis])
             .flatten(),
         Kind::Sensor(sensor, axis) => truth.sensors[*sensor][*axis],

@@ -80,7 +80,7 @@ mod tests {
 
     #[test]
     fn stated_errors_are_counted_without_flagged_rows() {
-        let row = |flagged| Row { press: Some(0), flagged, place: None };
+        let row = |flagged| Row { press: Some(0), flagged, ..Row::default() };
         let series = Series {
             time: vec![0.0; 5],
             reference: vec![1.0; 5],

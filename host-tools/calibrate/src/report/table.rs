@@ -1,5 +1,7 @@
 //! Report of another sensor: a table of channels and its fitted model.
 
+use std::collections::BTreeSet;
+
 use nalgebra::{DMatrix, SymmetricEigen};
 use taxel_regress::shear;
 use taxel_regress::table::{TableModel, TableRecording};
@@ -8,7 +10,7 @@ use super::coverage;
 use super::doubts::{self, alike, condition};
 use super::judge::{About, Part, Report, Trial, assemble};
 use super::series::{Kind, Series, split_unit};
-use super::verdict;
+use super::verdict::{self, HeldOut};
 use crate::finger::Channel;
 
 /// Names of the inputs' principal directions, the axes of their map.
@@ -26,7 +28,7 @@ pub fn judge(model: &TableModel, judged: &[TableRecording], fitted: &[TableRecor
         .filter(|recording| fitted.iter().any(|fitted| is_part_of(recording, fitted)))
         .map(|recording| doubts::no_forecast(&recording.name()))
         .collect();
-    let held_out = warnings.is_empty();
+    let held_out = HeldOut::of(fitted.is_empty(), &warnings);
     warnings.extend(doubts(model, fitted));
     for recording in judged {
         let rows = recording.inputs.rows.len();
@@ -172,12 +174,19 @@ fn directions(rows: &[Vec<f64>]) -> Option<[Vec<f64>; 2]> {
     Some([direction(order.first()?), direction(order.get(1)?)])
 }
 
+/// Whether a recording was part of the fit: rows of the same file, or half the rows of any.
 fn is_part_of(judged: &TableRecording, fitted: &TableRecording) -> bool {
-    let first = judged.inputs.rows.first().zip(judged.targets.rows.first());
-    judged.inputs.path == fitted.inputs.path
-        && first.is_some_and(|first| {
-            fitted.inputs.rows.iter().zip(&fitted.targets.rows).any(|row| row == first)
-        })
+    // A row is known by its time, if it has one, and its inputs.
+    let keys = |recording: &TableRecording| -> Vec<Vec<u64>> {
+        let rows = recording.inputs.rows.iter().enumerate();
+        let key = rows.map(|(i, row)| recording.inputs.times.get(i).into_iter().chain(row));
+        key.map(|values| values.map(|value| value.to_bits()).collect()).collect()
+    };
+    let known: BTreeSet<Vec<u64>> = keys(fitted).into_iter().collect();
+    let rows = keys(judged);
+    let shared = rows.iter().filter(|row| known.contains(*row)).count();
+    let most = if judged.inputs.path == fitted.inputs.path { 0 } else { rows.len() / 2 };
+    shared > most
 }
 
 fn within(model: &TableModel, row: &[f64]) -> bool {

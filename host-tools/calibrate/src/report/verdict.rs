@@ -7,6 +7,7 @@ use taxel::scan::{COLS, ROWS, SENSORS};
 use taxel_regress::quantile::quantile;
 
 use super::judge::Trial;
+use super::map::ErrorMap;
 use super::series::{Kind, Row, Series, extent};
 use super::stated::Stated;
 use crate::coverage::nearest;
@@ -25,6 +26,9 @@ pub(crate) const REACH: f64 = 3.0;
 pub(crate) const NOISE: f64 = 2.0;
 /// Largest share of values beyond three of the standard deviations that they state.
 pub(crate) const BEYOND: f64 = 0.02;
+
+/// Reason against judging a changing force, or the errors stated for it.
+const HIDES_LAG: &str = "a clock offset may hide a lag";
 
 /// Uses of a quantity, from the least to the most demanding.
 pub(crate) struct Ladder {
@@ -102,15 +106,39 @@ pub(crate) fn of_table(targets: &[String]) -> Vec<Quantity> {
     targets.iter().map(quantity).collect()
 }
 
+/// Whether the calibration was fitted to the judged rows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum HeldOut {
+    /// It was fitted to other rows.
+    Yes,
+    /// It was fitted to some of them.
+    No,
+    /// The recordings of the fit are not known.
+    Unknown,
+}
+
+impl HeldOut {
+    /// Finds it from whether the fit is unknown, and the warnings about recordings of the fit.
+    pub fn of(unknown: bool, warnings: &[String]) -> Self {
+        match (unknown, warnings) {
+            (true, _) => Self::Unknown,
+            (false, []) => Self::Yes,
+            (false, _) => Self::No,
+        }
+    }
+}
+
 /// Verdict on a calibration, in words and by need.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Verdict {
     /// Most demanding use of each quantity whose need is met.
     pub good_for: Vec<String>,
-    /// Least demanding use of each quantity whose need is not met.
+    /// Least demanding use of each quantity whose need is not met, and regions without a value.
     pub not_for: Vec<String>,
     /// Quantities that the recordings cannot judge, with the reason.
     pub not_judged: Vec<String>,
+    /// Reasons to doubt the verdict as a whole.
+    pub doubts: Vec<String>,
     /// Range of the loads that it was tested with.
     pub tested: String,
     /// Every need with the error found.
@@ -136,14 +164,22 @@ pub struct Judged {
     pub why: String,
 }
 
-/// Judges the trials. `held_out` is whether the calibration was fitted to none of them.
+/// Judges the trials.
 pub(crate) fn verdict(
     quantities: &[Quantity],
     trials: &[Trial],
     stated: &[Stated],
-    held_out: bool,
+    held_out: HeldOut,
 ) -> Verdict {
     let mut verdict = Verdict { tested: tested(trials), ..Verdict::default() };
+    if held_out == HeldOut::Unknown {
+        let known = "not known whether these rows were fitted to (--fitted-to tells it)";
+        verdict.doubts.push(known.into());
+    }
+    let hidden = trials.iter().flat_map(|trial| &trial.series).any(Series::hides_lag);
+    if hidden {
+        verdict.not_judged.push(format!("changing forces: {HIDES_LAG}"));
+    }
     for quantity in quantities {
         let found = Found::of(quantity, trials);
         // Force sensors without labels of their own need no word.
@@ -152,7 +188,7 @@ pub(crate) fn verdict(
             Some(found) => verdict.add(found.judge(quantity, held_out)),
             None if expected => {
                 let names: Vec<String> = quantity.kinds.iter().map(Kind::name).collect();
-                let why = format!("no labels ({}), or no estimates", names.join(", "));
+                let why = format!("no labels ({})", names.join(", "));
                 verdict.not_judged.push(format!("{}: {why}", quantity.name));
             }
             None => {}
@@ -161,11 +197,21 @@ pub(crate) fn verdict(
     // Only a finger states errors, and its series have presses.
     let all = trials.iter().filter_map(|trial| trial.series.iter().find(|s| !s.rows.is_empty()));
     let presses = all.map(|series| presses(series.loaded())).sum();
-    verdict.add(vec![trust(stated, presses, held_out)]);
+    verdict.add(vec![trust(stated, presses, held_out, hidden)]);
     verdict
 }
 
 impl Verdict {
+    /// Names the regions of the pad that were pressed and have no value.
+    pub(crate) fn add_regions(&mut self, maps: &[ErrorMap]) {
+        for map in maps {
+            let silent = map.without_value();
+            if !silent.is_empty() {
+                self.not_for.push(format!("{}: no value in {}", map.quantity, silent.join(", ")));
+            }
+        }
+    }
+
     /// Adds the needs of one quantity, from the least to the most demanding.
     fn add(&mut self, needs: Vec<Judged>) {
         let met = needs.iter().rfind(|need| need.met == Some(true));
@@ -226,6 +272,8 @@ struct Found {
     range: f64,
     /// Largest noise of the labels.
     noise: f64,
+    /// Whether a clock may hide a lag, and only rows at rest were judged.
+    hidden: bool,
 }
 
 impl Found {
@@ -238,8 +286,8 @@ impl Found {
         all.peek()?;
         let is_table = |series: &&Series| series.rows.is_empty();
         let table = all.clone().any(|series| is_table(&series));
-        let loaded = |series: &Series| series.loaded().count();
-        let presses = found.iter().filter_map(|series| Some(presses(series.first()?.loaded())));
+        let loaded = |series: &Series| series.judged().count();
+        let presses = found.iter().filter_map(|series| Some(presses(series.first()?.judged())));
         Some(Self {
             error: all
                 .clone()
@@ -247,20 +295,22 @@ impl Found {
                 .reduce(f64::max),
             given: all
                 .clone()
+                .filter(|series| loaded(series) > 0)
                 .map(|series| {
-                    let given = series.loaded().filter(|(_, error)| error.is_some()).count();
-                    given as f64 / loaded(series).max(1) as f64
+                    let given = series.judged().filter(|(_, error)| error.is_some()).count();
+                    given as f64 / loaded(series) as f64
                 })
                 .fold(1.0, f64::min),
             presses: (!table).then(|| presses.sum()),
             rows: found.iter().filter_map(|series| Some(loaded(series.first()?))).sum(),
             range: if table { f64::INFINITY } else { all.clone().map(reach).fold(0.0, f64::max) },
-            noise: all.map(|series| series.label_noise).fold(0.0, f64::max),
+            noise: all.clone().map(|series| series.label_noise).fold(0.0, f64::max),
+            hidden: all.any(Series::hides_lag),
         })
     }
 
     /// Judges each need of the ladder.
-    fn judge(&self, quantity: &Quantity, held_out: bool) -> Vec<Judged> {
+    fn judge(&self, quantity: &Quantity, held_out: HeldOut) -> Vec<Judged> {
         let ladder = quantity.ladder;
         let mut needs: Vec<Judged> = ladder
             .needs
@@ -287,9 +337,9 @@ impl Found {
         needs
     }
 
-    fn meets(&self, need: f64, unit: &str, held_out: bool) -> (Option<bool>, String) {
-        let Self { error, given, presses, rows, range, noise } = *self;
-        if !held_out {
+    fn meets(&self, need: f64, unit: &str, held_out: HeldOut) -> (Option<bool>, String) {
+        let Self { error, given, presses, rows, range, noise, hidden } = *self;
+        if held_out == HeldOut::No {
             return (None, "the calibration was fitted to these rows, which are no test".into());
         }
         let few = match presses {
@@ -297,11 +347,15 @@ impl Found {
             None => too_few(rows, TABLE_ROWS, "rows"),
         };
         if let Some(few) = few {
+            let few = if hidden { format!("{HIDES_LAG}; at rest {few}") } else { few };
             return (None, few);
         }
         if given < GIVEN {
-            let missing =
-                format!("{:.0} % of the loaded rows have no sound value", 100.0 * (1.0 - given));
+            let missing = if error.is_none() {
+                "no estimates: no loaded row has a sound value".to_owned()
+            } else {
+                format!("{:.0} % of the loaded rows have no sound value", 100.0 * (1.0 - given))
+            };
             return (Some(false), missing);
         }
         match error {
@@ -326,11 +380,14 @@ fn too_few(found: usize, needed: usize, what: &str) -> Option<String> {
 }
 
 /// Judges whether the stated standard deviations can be trusted.
-fn trust(stated: &[Stated], presses: usize, held_out: bool) -> Judged {
+fn trust(stated: &[Stated], presses: usize, held_out: HeldOut, hidden: bool) -> Judged {
     let worst = stated.iter().map(|stated| 100.0 * (1.0 - stated.within[2])).reduce(f64::max);
     let need = 100.0 * BEYOND;
     let (met, why) = match worst {
-        _ if !held_out => (None, "the calibration was fitted to these rows".to_owned()),
+        _ if held_out == HeldOut::No => {
+            (None, "the calibration was fitted to these rows".to_owned())
+        }
+        _ if hidden => (None, HIDES_LAG.to_owned()),
         None => (None, "no error is stated for what the labels tell".to_owned()),
         Some(worst) => match too_few(presses, PRESSES, "presses") {
             Some(few) => (None, few),
@@ -358,7 +415,7 @@ fn reach(series: &Series) -> f64 {
 
 /// Error that 95 % of a series' loaded rows do not exceed, in the unit of the ladder.
 fn scaled(series: &Series, ladder: &Ladder) -> Option<f64> {
-    let error = within(series.loaded().filter_map(|(_, error)| error))?;
+    let error = within(series.judged().filter_map(|(_, error)| error))?;
     match ladder.unit {
         "%" => (series.span() > 0.0).then(|| 100.0 * error / series.span()),
         _ => Some(error),
@@ -427,16 +484,21 @@ mod tests {
             series.estimate.push(Some(if loaded { reference + error } else { 0.0 }));
             series.sigma.push(Some(error.abs()));
             let press = loaded.then_some(row / 20);
-            series.rows.push(Row { press, flagged: false, place: Some([0.0; 2]) });
+            series.rows.push(Row {
+                press,
+                flagged: false,
+                place: Some([0.0; 2]),
+                ..Row::default()
+            });
         }
         series
     }
 
     fn normal(presses: usize, most: f64, error: f64) -> Verdict {
-        of(series(Kind::Force(2), presses, most, error), true)
+        of(series(Kind::Force(2), presses, most, error), HeldOut::Yes)
     }
 
-    fn of(series: Series, held_out: bool) -> Verdict {
+    fn of(series: Series, held_out: HeldOut) -> Verdict {
         let trial = Trial::new("a.csv".into(), 9.0, 900, vec![series]);
         verdict(&of_finger(), &[trial], &[], held_out)
     }
@@ -481,7 +543,7 @@ mod tests {
         assert!(
             verdict.not_for[0].starts_with("weighing to a gram (normal force to 10 mN; measured")
         );
-        let shear = "shear: no labels (fx_n, fy_n), or no estimates";
+        let shear = "shear: no labels (fx_n, fy_n)";
         assert_eq!(verdict.not_judged[0], shear);
         assert_eq!(
             verdict.tested,
@@ -503,27 +565,75 @@ mod tests {
 
     #[test]
     fn rows_of_the_fit_are_no_test() {
-        let verdict = of(series(Kind::Force(2), 40, 2.0, 0.001), false);
+        let verdict = of(series(Kind::Force(2), 40, 2.0, 0.001), HeldOut::No);
         assert_eq!(met(&verdict), [None; 3]);
         assert!(verdict.not_judged[0].contains("fitted to these rows"), "{verdict:?}");
+    }
+
+    #[test]
+    fn unknown_fit_is_told_in_the_verdict() {
+        let verdict = of(series(Kind::Force(2), 40, 2.0, 0.001), HeldOut::Unknown);
+        assert_eq!(met(&verdict), [Some(true); 3]);
+        assert!(verdict.doubts[0].starts_with("not known whether"), "{verdict:?}");
+    }
+
+    #[test]
+    fn changing_forces_are_not_judged_behind_a_hidden_lag() {
+        let mut hidden = series(Kind::Force(2), 40, 2.0, 0.001);
+        hidden.rows.iter_mut().for_each(|row| row.changing = true);
+        let stated = Stated {
+            target: "fz_n".into(),
+            unit: "N",
+            rows: 400,
+            flagged: 0,
+            median: 0.001,
+            label_noise: 0.0,
+            within: [0.7, 0.95, 1.0],
+        };
+        let judged = |series: &Series| {
+            let trial = Trial::new("a.csv".into(), 9.0, 900, vec![series.clone()]);
+            verdict(&of_finger(), &[trial], std::slice::from_ref(&stated), HeldOut::Yes)
+        };
+        let verdict = judged(&hidden);
+        assert_eq!(met(&verdict), [None; 3]);
+        assert_eq!(verdict.good_for, Vec::<String>::new());
+        assert_eq!(verdict.not_judged[0], "changing forces: a clock offset may hide a lag");
+        assert_eq!(verdict.needs.last().unwrap().met, None);
+        // Forces at rest have no lag.
+        hidden.rows.iter_mut().step_by(3).for_each(|row| row.changing = false);
+        assert_eq!(met(&judged(&hidden)), [Some(true); 3]);
     }
 
     #[test]
     fn missing_values_fail_a_need_and_flagged_ones_are_missing() {
         let mut flagged = series(Kind::Force(2), 40, 2.0, 0.001);
         flagged.rows.iter_mut().step_by(3).for_each(|row| row.flagged = true);
-        let verdict = of(flagged, true);
+        let verdict = of(flagged, HeldOut::Yes);
         assert_eq!(met(&verdict), [Some(false); 3]);
         assert!(verdict.not_for[0].contains("% of the loaded rows have no sound value"));
+    }
+
+    #[test]
+    fn quantity_without_any_value_fails_in_its_recording() {
+        let sound = series(Kind::Point(0), 40, 4.0, 0.001);
+        let mut silent = sound.clone();
+        silent.estimate.iter_mut().for_each(|estimate| *estimate = None);
+        let alone = of(silent.clone(), HeldOut::Yes);
+        let told = "telling which taxel is pressed (contact place to 2 mm; no estimates";
+        assert!(alone.not_for[0].starts_with(told), "{alone:?}");
+        let trial = |series| Trial::new("a.csv".into(), 9.0, 900, vec![series]);
+        let both = verdict(&of_finger(), &[trial(sound), trial(silent)], &[], HeldOut::Yes);
+        assert_eq!(both.good_for, Vec::<String>::new());
+        assert!(both.not_for[0].contains("100 % of the loaded rows"), "{both:?}");
     }
 
     #[test]
     fn need_below_label_noise_is_not_judged() {
         let mut noisy = series(Kind::Force(2), 40, 2.0, 0.03);
         noisy.label_noise = 0.002;
-        assert_eq!(met(&of(noisy.clone(), true)), [Some(true), Some(true), Some(false)]);
+        assert_eq!(met(&of(noisy.clone(), HeldOut::Yes)), [Some(true), Some(true), Some(false)]);
         noisy.label_noise = 0.015;
-        let verdict = of(noisy, true);
+        let verdict = of(noisy, HeldOut::Yes);
         assert_eq!(met(&verdict), [Some(true), Some(true), None]);
         let hidden = "normal force to 10 mN: the labels' own noise, 15 mN, hides it";
         assert_eq!(verdict.not_judged[0], hidden);

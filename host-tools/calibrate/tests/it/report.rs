@@ -97,6 +97,18 @@ fn few_unknown_or_judged_recordings_raise_warnings() {
     assert_begin(&judge(3, &all[..2]), &["fitted to 2 recordings: with 3 or more"]);
     assert_begin(&judge(3, &[]), &["the recordings that the calibration was fitted to were not"]);
     assert_begin(&judge(1, &all[..3]), &["2.csv: the calibration was fitted to these rows"]);
+    // A copy has another name, and may have another reference.
+    let mut copy = Recording { name: "copy.csv".into(), ..all[1].clone() };
+    copy.samples.iter_mut().for_each(|sample| {
+        sample.truth.force[2] = sample.truth.force[2].map(|force| 1.01 * force);
+    });
+    let copied = taxel_calibrate::report::judge(&calibration(), &[copy], &all[..3]);
+    assert_begin(&warnings(&copied), &["copy.csv: the calibration was fitted to these rows"]);
+    let doubts = |fitted: &[Recording]| {
+        taxel_calibrate::report::judge(&calibration(), &all[3..], fitted).verdict.doubts
+    };
+    assert_begin(&doubts(&[]), &["not known whether these rows were fitted to"]);
+    assert_begin(&doubts(&all[..3]), &[]);
 }
 
 #[test]
@@ -199,6 +211,10 @@ fn few_unknown_or_judged_tables_raise_warnings() {
     assert_begin(&judge(3, &all[..1]), &["fitted to 1 recording: with 3 or more"]);
     assert_begin(&judge(3, &[]), &["the recordings that the calibration was fitted to were not"]);
     assert_begin(&judge(0, &all[..3]), &["0.csv: the calibration was fitted to these rows"]);
+    let mut copy = all[0].clone();
+    copy.inputs.path = "copy.csv".into();
+    let copied = taxel_calibrate::report::table::judge(&model(), &[copy], &all[..3]);
+    assert_begin(&warnings(&copied), &["copy.csv: the calibration was fitted to these rows"]);
 }
 
 #[test]
@@ -216,4 +232,25 @@ fn table_rows_beyond_training_are_counted() {
     assert!(inputs(&found[0]), "{found:#?}");
     assert!(found[1..].iter().all(|w| w.contains("nothing was fitted to")), "{found:#?}");
     assert!(found.iter().any(|w| w.contains("(inputs, second direction over")), "{found:#?}");
+}
+
+/// Labels with the clock of a load cell, whose offset hides the finger's lag.
+#[test]
+fn short_presses_behind_a_hidden_lag_are_not_judged() {
+    let judged = [finger(4)];
+    let judge = |hidden: &[bool]| {
+        taxel_calibrate::report::judge_by_clocks(&calibration(), &judged, &[finger(1)], hidden)
+    };
+    let forces = |report: &Report| -> Vec<Option<bool>> {
+        let needs = report.verdict.needs.iter();
+        needs.filter(|need| need.quantity == "normal force").map(|need| need.met).collect()
+    };
+    assert!(!forces(&judge(&[false])).contains(&None));
+    let hidden = judge(&[true]);
+    assert_eq!(forces(&hidden), [None; 3], "{:?}", hidden.verdict);
+    let changing = "changing forces: a clock offset may hide a lag";
+    assert_eq!(hidden.verdict.not_judged[0], changing);
+    // Contact points have the clock of the frames.
+    let points = |report: &Report| report.errors.iter().any(|map| map.unit == "mm");
+    assert!(points(&hidden));
 }

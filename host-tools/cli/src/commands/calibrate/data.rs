@@ -79,10 +79,15 @@ impl Aligned {
         }
     }
 
+    /// Whether the offset of the reference's clock may hide a lag of the finger.
+    pub fn hides_lag(&self) -> bool {
+        self.finger && self.lag_s.is_none()
+    }
+
     pub fn describe(&self) -> String {
         let finger = match self.lag_s {
             Some(lag) => format!("; finger {:.1} ms behind", 1e3 * lag),
-            None if self.finger => {
+            None if self.hides_lag() => {
                 "; no lag of the finger found, the clock's offset may hide one".to_owned()
             }
             None => String::new(),

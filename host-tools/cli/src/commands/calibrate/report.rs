@@ -4,11 +4,12 @@ use std::path::PathBuf;
 use std::time::{Duration, UNIX_EPOCH};
 
 use humantime::format_rfc3339_seconds;
-use taxel_calibrate::report::{html, judge, table};
+use taxel_calibrate::report::{html, judge_by_clocks, table};
 use taxel_files::calibration::{self, Kind};
 use taxel_files::stretch::Stretch;
 use taxel_regress::table::TableModel;
 
+use super::data::Aligned;
 use super::{data, now};
 use crate::output::{self, Overwrite};
 
@@ -74,7 +75,9 @@ pub fn run(args: Args) -> anyhow::Result<()> {
                 calibration.lag,
             )?;
             judged.note();
-            let mut report = judge(&calibration, &judged.recordings, &fitted.recordings);
+            let hidden: Vec<bool> = judged.alignments.iter().map(Aligned::hides_lag).collect();
+            let mut report =
+                judge_by_clocks(&calibration, &judged.recordings, &fitted.recordings, &hidden);
             report.channels.extend(data::other_columns(&args.data)?);
             report.channels.extend(data::other_reference_columns(&judged.alignments));
             report
