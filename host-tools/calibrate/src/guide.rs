@@ -108,8 +108,10 @@ pub enum Step {
     LetGo,
     /// A press, as described.
     Press(String),
-    /// Every target is met or left out.
+    /// Every target is met.
     Enough,
+    /// Every target is met or left out; in words, the loads that the recording lacks.
+    Ended(String),
 }
 
 impl Display for Step {
@@ -118,6 +120,7 @@ impl Display for Step {
             Self::LetGo => f.write_str("touch nothing for a second"),
             Self::Press(words) => f.write_str(words),
             Self::Enough => f.write_str("enough"),
+            Self::Ended(lacking) => write!(f, "ended: {lacking} recorded"),
         }
     }
 }
@@ -189,7 +192,9 @@ impl Guide {
             if let Some(taken) = taken {
                 // A finger that moved or was touched is averaged again.
                 (self.taker, self.bias) = (BiasTaker::new(self.frames), taken.ok().map(|t| t.bias));
-                self.newtons = known.is_some();
+                if self.presses.is_empty() {
+                    self.newtons = known.is_some();
+                }
             }
             return;
         };
@@ -213,6 +218,8 @@ impl Guide {
         if self.newtons && known.is_none() {
             return;
         }
+        // A bias without a known force began strengths that are relative.
+        let known = known.filter(|_| self.newtons);
         let (strength, shear) = strength(&signals, &changes, known);
         self.sensors |= signals.bridges.iter().any(Option::is_some);
         let strongest = || {
@@ -336,8 +343,62 @@ impl Guide {
         match self.target {
             _ if self.bias.is_none() => Step::LetGo,
             Some(target) => Step::Press(self.words(target)),
-            None => Step::Enough,
+            None => match self.lacking() {
+                lacking if lacking.is_empty() => Step::Enough,
+                lacking => Step::Ended(lacking.join(", ")),
+            },
         }
+    }
+
+    /// Loads that the recording lacks, each as "no …".
+    fn lacking(&self) -> Vec<String> {
+        let open = || self.left_out.iter().filter(|target| !self.is_met(**target));
+        let directions: Vec<usize> = open()
+            .filter_map(
+                |target| if let Target::Shear(eighth) = target { Some(*eighth) } else { None },
+            )
+            .collect();
+        let mut regions: Vec<usize> = open()
+            .filter_map(|target| if let Target::Region(k, _) = target { Some(*k) } else { None })
+            .collect();
+        regions.dedup();
+        let (some, none): (Vec<usize>, Vec<usize>) =
+            regions.into_iter().partition(|region| self.counts(*region) != [0; 3]);
+        let names = |regions: &[usize]| -> String {
+            let names = regions.iter().map(|k| format!("r{}c{}", k / COLS, k % COLS));
+            names.collect::<Vec<_>>().join(" ")
+        };
+        let mut lacking = Vec::new();
+        if !none.is_empty() {
+            lacking.push(format!("no press in {}", names(&none)));
+        }
+        if !some.is_empty() {
+            lacking.push(format!("not every strength in {}", names(&some)));
+        }
+        match directions.len() {
+            0 => {}
+            all if all == TOWARDS.len() => lacking.push("no shear".into()),
+            _ => lacking.extend(directions.iter().map(|k| format!("no shear {}", TOWARDS[*k]))),
+        }
+        let timed = |target: Target, name: &str, of: fn(&Press) -> bool| {
+            let found = self.presses.iter().filter(|press| of(press)).count();
+            open().any(|other| *other == target).then(|| match found {
+                0 => format!("no {name} press"),
+                found => format!(
+                    "no more than {found} {name} press{}",
+                    if found == 1 { "" } else { "es" }
+                ),
+            })
+        };
+        lacking.extend(timed(Target::Hold, "held", |press| press.held));
+        lacking.extend(timed(Target::Fast, "fast", |press| press.fast));
+        lacking
+    }
+
+    /// Begins again without a touch, after a finger that restarted; the presses are kept.
+    pub fn restart(&mut self) {
+        self.taker = BiasTaker::new(self.frames);
+        (self.bias, self.current, self.gate) = (None, None, GateState::default());
     }
 
     /// Targets that were left out because the presses did not meet them, in words.
@@ -589,7 +650,7 @@ mod tests {
         /// Obeys until it is enough; returns the number of presses.
         fn finish(&mut self) -> usize {
             for _ in 0..300 {
-                if self.guide.step() == Step::Enough {
+                if matches!(self.guide.step(), Step::Enough) {
                     break;
                 }
                 self.obey();
@@ -688,8 +749,49 @@ mod tests {
                 _ => person.obey(),
             }
         }
-        assert_eq!((person.guide.step(), person.guide.left_out().len()), (Step::Enough, 3));
+        let ended = Step::Ended("no press in r3c0".into());
+        assert_eq!((person.guide.step(), person.guide.left_out().len()), (ended, 3));
         assert_eq!(person.guide.presses.len(), PRESSES + 3 * PATIENCE);
+    }
+
+    #[test]
+    fn recording_without_shear_and_held_presses_is_not_enough() {
+        let mut person = Person::new(true, false);
+        for _ in 0..300 {
+            match person.guide.target {
+                None => break,
+                Some(Target::Shear(_) | Target::Hold) => {
+                    person.press([0.0; 2], 0.8, [0.0; 2], [30, 10, 10]);
+                }
+                Some(_) => person.obey(),
+            }
+        }
+        let told = "ended: no shear, no held press recorded";
+        assert_eq!(person.guide.step().to_string(), told);
+    }
+
+    #[test]
+    fn restarted_finger_begins_again_without_a_touch() {
+        let mut person = Person::new(true, false);
+        (0..3).for_each(|_| person.obey());
+        // It restarts in a press.
+        (0..20).for_each(|_| person.frame([0.0; 2], 1.0, [0.0; 2]));
+        person.guide.restart();
+        person.now = 0;
+        assert_eq!(person.guide.step(), Step::LetGo);
+        person.press([0.0; 2], 0.0, [0.0; 2], [0, 400, 0]);
+        assert_eq!(person.guide.presses.len(), 3);
+        assert!(matches!(person.guide.step(), Step::Press(_)));
+    }
+
+    #[test]
+    fn force_that_comes_late_does_not_mix_with_relative_strengths() {
+        let mut person = Person::new(true, false);
+        (0..3).for_each(|_| person.obey());
+        person.known = true;
+        person.press([0.0; 2], 1.0, [0.0; 2], [30, 10, 10]);
+        let peaks: Vec<f64> = person.guide.presses.iter().map(|press| press.peak).collect();
+        assert!((peaks[3] / peaks[0] - 1.0).abs() < 0.1, "{peaks:?}");
     }
 
     #[test]

@@ -298,6 +298,7 @@ fn guided_recording_ends_when_presses_are_enough() {
     let refused = ["calibrate", "record", "--port", "sim:mems-bare", "--out", "bare.mcap"];
     let error = taxel.fails(1, &refused);
     assert!(error.contains("bare.mcap: the frames have no codes of the optical matrix"), "{error}");
+    assert!(!folder.path().join("bare.mcap").exists());
 }
 
 /// A load cell's clock is 2.7 s ahead, and the reference finger is late by 4 ms.

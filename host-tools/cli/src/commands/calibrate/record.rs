@@ -49,20 +49,22 @@ Examples:
 pub fn run(args: Args) -> anyhow::Result<()> {
     let Args { port, out, overwrite, rate, page } = args;
     let names = out.iter().map(|out| out.display().to_string()).collect::<Vec<_>>().join(", ");
+    let files = out.clone();
     let (duration, fields, hold_row) = (None, None, None);
     let record =
         record::Args { port, out, overwrite, duration, fields, rate, hold_row, page, json: false };
     // Elsewhere than on a terminal each change of the step is a line of its own.
     let terminal = std::io::stderr().is_terminal();
     let mut guide: Option<Guide> = None;
-    let mut told = None;
-    record::guided(record, |info, next| {
+    let (mut told, mut refused) = (None, false);
+    let recorded = record::guided(record, |info, next| {
         let second = u16::try_from(info.rate_millihertz / 1000).unwrap_or(u16::MAX);
         let guide = guide.get_or_insert_with(|| Guide::new(second));
         match next {
             Next::Frame(received) => {
                 let codes = received.frame.codes.filter(|codes| codes.taxels.is_some());
                 let Some(codes) = codes else {
+                    refused = true;
                     anyhow::bail!(
                         "{names}: the frames have no codes of the optical matrix, which shows where \
                          it is pressed; use `taxel record`"
@@ -72,20 +74,28 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             }
             Next::Progress(words) if terminal => {
                 *words =
-                    format!("{words}; Ctrl-C ends it\n{}\n  {}", guide.picture(), guide.step());
+                    format!("{words}; Ctrl-C ends it\n  {}\n{}", guide.step(), guide.picture());
             }
-            Next::Progress(_) | Next::Again(_) => {}
+            Next::Progress(_) => {}
+            Next::Again(_) => guide.restart(),
         }
         let step = guide.step();
-        if !terminal && told.as_ref() != Some(&step) {
+        let enough = is_last(&step);
+        if !terminal && !enough && told.as_ref() != Some(&step) {
             output::note(&step);
         }
-        let enough = step == Step::Enough;
         told = Some(step);
         Ok(if enough { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
-    })?;
+    });
+    if refused {
+        // The file has nothing that a fit could use. A device or a pipe stays.
+        for file in files.iter().filter(|file| file.is_file()) {
+            let _ = std::fs::remove_file(file);
+        }
+    }
+    recorded?;
     let Some(guide) = guide else { return Ok(()) };
-    if guide.step() != Step::Enough {
+    if !is_last(&guide.step()) {
         return output::line(format_args!(
             "ended early; next: {}\n{}",
             guide.step(),
@@ -95,7 +105,14 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     for left_out in guide.left_out() {
         output::note(format_args!("taxel: warning: not recorded: {left_out}"));
     }
-    output::line(guide.picture())
+    output::line(guide.picture())?;
+    output::note(guide.step());
+    Ok(())
+}
+
+/// Whether nothing more is asked for.
+fn is_last(step: &Step) -> bool {
+    matches!(step, Step::Enough | Step::Ended(_))
 }
 
 /// Force and place of a calibrated finger; `None` without a normal force.
