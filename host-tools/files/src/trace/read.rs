@@ -106,7 +106,10 @@ impl<R: BufRead> TraceReader<R> {
         {
             return Err(cells
                 .error(self.columns.time, format!("time {time} does not come after {last}"))
-                .mend("sort the lines by t_us"));
+                .mend(match restarted(last, time) {
+                    Some(end) => format!("the finger restarted here; give FILE@..{end} (seconds)"),
+                    None => "sort the lines by t_us".to_owned(),
+                }));
         }
         Ok(Some(sample))
     }
@@ -118,6 +121,14 @@ impl<R: BufRead> Iterator for TraceReader<R> {
     fn next(&mut self) -> Option<Self::Item> {
         self.read().transpose()
     }
+}
+
+/// End in seconds of what precedes a restart; `None` if the time does not fall back to near zero.
+fn restarted(last: u64, time: u64) -> Option<u64> {
+    const NEAR_ZERO_US: u64 = 5_000_000;
+    const SECOND_US: u64 = 1_000_000;
+    let fallen = last.saturating_sub(time) >= SECOND_US && time < NEAR_ZERO_US.min(last / 2);
+    fallen.then_some(last / SECOND_US)
 }
 
 fn empty(path: &Path) -> FileError {

@@ -117,6 +117,10 @@ fn error_is_one_line_with_line_column_and_mend() {
             "trace.csv:3: `t_us`: time 0 does not come after 0; sort the lines by t_us",
         ),
         (
+            format!("{header}\n{}\n{}\n", line("12406000", "7"), line("96000", "7")),
+            "trace.csv:3: `t_us`: time 96000 does not come after 12406000; the finger restarted here; give FILE@..12 (seconds)",
+        ),
+        (
             format!("{header}\n{}\n", line("1.5", "7")),
             "trace.csv:2: `t_us`: expected whole microseconds, found `1.5`; times are counted from 0 upwards, without decimals",
         ),
