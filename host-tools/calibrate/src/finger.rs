@@ -65,6 +65,8 @@ pub struct FitOptions {
     /// Standard deviation of the reference's forces in newtons, at least that where nothing is
     /// touched; by default that.
     pub reference_noise: Option<f64>,
+    /// Whether an alignment of the reference's clock may hide the lag: then none is fitted.
+    pub clock_hides_lag: bool,
     /// Number format of the net in the record.
     pub form: Form,
     /// Serial number for the record.
@@ -181,7 +183,9 @@ pub fn fit_keeping(
             compensation.drift = Some(DriftCompensation { most: MOST_DRIFT });
             recordings.iter_mut().for_each(|recording| recording.compensate(&compensation));
         }
-        compensation.lag = lag::fit(&recordings, &subjects);
+        if !options.clock_hides_lag {
+            compensation.lag = lag::fit(&recordings, &subjects);
+        }
         if compensation.lag.is_some() {
             recordings.iter_mut().for_each(|recording| recording.compensate(&compensation));
         }

@@ -384,6 +384,7 @@ fn fit_finger(
         net: NetOptions { seed: args.seed, ..NetOptions::default() },
         net_only: args.net_only,
         reference_noise: args.reference_noise,
+        clock_hides_lag: alignments.iter().any(Aligned::hides_lag),
         form: args.form.into(),
         serial: args.serial.clone(),
         date: super::now(),
