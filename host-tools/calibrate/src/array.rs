@@ -34,6 +34,8 @@ pub(crate) const NO_MOMENT: f32 = 999.0;
 ///
 /// Good recordings have up to 7, exchanged axes 90.
 const MOST_TURNED: f64 = 30.0;
+/// Least RMS shear over RMS normal force that tells the axes of the reference.
+const LEAST_SHEAR: f64 = 0.03;
 /// Share of the errors that three stated standard deviations cover, as of the model of the skin.
 const COVERED: f64 = 0.99;
 /// Least share of the noise-free error in an error on noisy references.
@@ -95,7 +97,7 @@ pub(crate) fn fit(
     };
     let most = (0..3).map(peak).fold(0.0, f64::max);
     let loaded = |axis: usize| peak(axis) >= NO_SHEAR * most;
-    let turned = if loaded(0) && loaded(1) { turned(&matrix) } else { None };
+    let turned = if sheared(&rows) { turned(&matrix) } else { None };
     for (axis, residual) in residual.iter_mut().enumerate().take(3) {
         if !loaded(axis) {
             *residual = most;
@@ -150,6 +152,18 @@ fn covered(matrix: &WrenchMatrix, rows: &[Vec<Row>]) -> [f64; 3] {
         };
         quantile(rows.iter().flatten().map(error).collect(), COVERED) / 3.0
     })
+}
+
+/// Whether the rows have shear in x and in y, apart from each other and from the normal force.
+///
+/// Shear that a reference shows of normal presses goes with them, and tells nothing of its axes.
+fn sheared(rows: &[Vec<Row>]) -> bool {
+    let all = || rows.iter().flatten().map(|row| row.force);
+    let product = |i: usize, j: usize| all().map(|force| force[i] * force[j]).sum::<f64>();
+    let normal = product(2, 2);
+    // Mean square of a component without its part in proportion to the normal force.
+    let left = |i: usize| product(i, i) - product(i, 2).powi(2) / normal.max(f64::MIN_POSITIVE);
+    [0, 1].into_iter().all(|axis| left(axis) > LEAST_SHEAR.powi(2) * normal)
 }
 
 /// Warns of a reference whose shear axes are not those of the force sensors.
@@ -296,6 +310,20 @@ pub fn matrix(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn normal_presses_tell_nothing_of_the_shear_axes() {
+        let rows = |shear: f64| -> Vec<Vec<Row>> {
+            let row = |i: usize| {
+                let turn = i as f64;
+                let fz = 1.0 + turn.sin();
+                let force = [0.02 * fz + shear * turn.cos(), shear * (1.7 * turn).sin(), fz];
+                Row { signals: [[0.0; 3]; SENSORS], force, moment: None }
+            };
+            vec![(0..200).map(row).collect()]
+        };
+        assert!(!sheared(&rows(0.006)) && sheared(&rows(0.2)));
+    }
 
     #[test]
     fn turned_reference_is_told_and_small_angle_is_not() {
