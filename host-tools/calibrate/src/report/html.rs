@@ -9,7 +9,9 @@ use super::papers::{ANGLE_DEG, Printed, Requirement};
 use super::plots;
 use super::series::{fine, split_unit};
 use super::stated::{self, Stated};
-use super::verdict::{GIVEN, Judged, NOISE, PRESSES, REACH, SHARE, TABLE_ROWS, Verdict, amount};
+use super::verdict::{
+    GIVEN, Judged, NOISE, PRESSES, REACH, SHARE, TABLE_ROWS, Verdict, amount, at_rest,
+};
 use crate::finger::Channel;
 
 const STYLE: &str = include_str!("report.css");
@@ -131,7 +133,8 @@ fn needs(page: &mut String, needs: &[Judged]) {
              <b class={class}>{verdict}</b>{}</tr>",
             escaped(&need.wanted()),
             need.purpose,
-            need.found.map_or("–".into(), |found| amount(found, need.unit)),
+            need.found
+                .map_or("–".into(), |found| amount(found, need.unit) + at_rest(need.at_rest)),
             escaped(&why)
         );
     }
@@ -153,9 +156,10 @@ fn errors(page: &mut String, maps: &[ErrorMap]) {
     for map in maps {
         let _ = write!(
             page,
-            "<figure><figcaption>{} / {}</figcaption><table class=map>",
+            "<figure><figcaption>{} / {}{}</figcaption><table class=map>",
             escaped(&map.quantity),
-            in_words(map.unit)
+            in_words(map.unit),
+            at_rest(map.at_rest)
         );
         for (row, cells) in map.cells.iter().enumerate().rev() {
             let _ = write!(page, "<tr><th>r{row}");

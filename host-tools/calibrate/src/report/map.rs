@@ -17,6 +17,8 @@ pub struct ErrorMap {
     pub unit: &'static str,
     /// Needs of the quantity's uses, from the least to the most demanding.
     pub needs: [f64; 3],
+    /// Whether only rows at rest count, because a clock may hide a lag.
+    pub at_rest: bool,
     /// Errors by row and column of the taxels; `None` where nothing pressed.
     pub cells: [[Option<Region>; COLS]; ROWS],
 }
@@ -63,6 +65,7 @@ fn map(quantity: &Quantity, trials: &[Trial]) -> Option<ErrorMap> {
         quantity: quantity.name.clone(),
         unit: quantity.ladder.unit,
         needs: quantity.ladder.needs.map(|(need, _)| need),
+        at_rest: series().any(|one| quantity.kinds.contains(&one.kind) && one.hides_lag()),
         cells,
     })
 }

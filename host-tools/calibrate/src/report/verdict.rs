@@ -158,6 +158,8 @@ pub struct Judged {
     pub unit: &'static str,
     /// Error that 95 % of the loaded rows do not exceed, in the worst recording.
     pub found: Option<f64>,
+    /// Whether only rows at rest were judged, because a clock may hide a lag.
+    pub at_rest: bool,
     /// Whether the need is met; `None` if the recordings cannot tell.
     pub met: Option<bool>,
     /// Reason for a need that is not judged or fails for want of values.
@@ -232,7 +234,9 @@ impl Judged {
     fn told(&self) -> String {
         let measured = match self.found {
             _ if !self.why.is_empty() => self.why.clone(),
-            Some(found) => format!("measured {}", amount(found, self.unit)),
+            Some(found) => {
+                format!("measured {}{}", amount(found, self.unit), at_rest(self.at_rest))
+            }
             None => "nothing measured".into(),
         };
         format!("{} ({}; {measured})", self.purpose, self.wanted())
@@ -242,6 +246,11 @@ impl Judged {
     pub(crate) fn wanted(&self) -> String {
         format!("{} to {}", self.quantity, amount(self.need, self.unit))
     }
+}
+
+/// Words for a quantity of which only rows at rest were judged.
+pub(crate) fn at_rest(only: bool) -> &'static str {
+    if only { " at rest" } else { "" }
 }
 
 /// An amount in the unit that people say: mN below a newton, otherwise the unit itself.
@@ -323,6 +332,7 @@ impl Found {
                     need: *need,
                     unit: ladder.unit,
                     found: self.error,
+                    at_rest: self.hidden,
                     met,
                     why,
                 }
@@ -400,6 +410,7 @@ fn trust(stated: &[Stated], presses: usize, held_out: HeldOut, hidden: bool) -> 
         need,
         unit: "%",
         found: worst,
+        at_rest: false,
         met,
         why,
     }
@@ -601,7 +612,9 @@ mod tests {
         assert_eq!(verdict.needs.last().unwrap().met, None);
         // Forces at rest have no lag.
         hidden.rows.iter_mut().step_by(3).for_each(|row| row.changing = false);
-        assert_eq!(met(&judged(&hidden)), [Some(true); 3]);
+        let verdict = judged(&hidden);
+        assert_eq!(met(&verdict), [Some(true); 3]);
+        assert!(verdict.good_for[0].ends_with(" mN at rest)"), "{verdict:?}");
     }
 
     #[test]
