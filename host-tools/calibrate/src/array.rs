@@ -318,7 +318,7 @@ mod tests {
                 let turn = i as f64;
                 let fz = 1.0 + turn.sin();
                 let force = [0.02 * fz + shear * turn.cos(), shear * (1.7 * turn).sin(), fz];
-                Row { signals: [[0.0; 3]; SENSORS], force, moment: None }
+                Row { signals: [[0.0; 3]; SENSORS], force, moment: None, moment_noise: 0.0 }
             };
             vec![(0..200).map(row).collect()]
         };
