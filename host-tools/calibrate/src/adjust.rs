@@ -13,10 +13,13 @@
 //!
 //! Parts are tried one after the other on the finger as the chip runs it. One found from a half of
 //! the presses is judged on the other half, by every labelled quantity of matrix, force sensors and
-//! both together. A part is kept if it makes one better and none worse.
+//! both together, on all rows that the labels load or the finger feels. A part is kept if it makes
+//! one better and none worse. Contact at rest and the share of rows with a contact point count as
+//! well, for a part alone.
 
 mod bench;
 mod fold;
+mod limits;
 
 use std::fmt;
 use std::ops::Range;
@@ -29,25 +32,11 @@ use taxel::frame::Status;
 use taxel::scan::TAXELS;
 
 use self::bench::Bench;
+use self::limits::{FADED, LEAST_PRESSES, LEFT, OTHER_FINGER, SETTLE_US, SETTLING};
 use crate::evaluate::{self, Only};
 use crate::recording::Recording;
 use taxel_regress::error::FitError;
 use taxel_regress::network::Progress;
-use taxel_regress::shear::FORCES;
-
-/// Fewest presses: halves judge each other, and the error of a mean needs three.
-const LEAST_PRESSES: usize = 3;
-/// Smallest relative change of the light that counts as ageing: LEDs of 2 K more lose as much.
-const FADED: f64 = 0.01;
-/// Share of a press left out at either end, while the weight moves.
-const SETTLING: f64 = 0.2;
-/// RMS error, as a share of the one before, above which a quantity is worse.
-const WORSE: f64 = 1.05;
-/// Limit of [`WORSE`] for the zero, which is measured and not fitted: an old zero may help by
-/// chance, where the matrix says nothing with it and leaves all to the force sensors.
-const ZERO_WORSE: f64 = 1.1;
-/// Multiple of the record's own residual from which what is left calls for a new fit.
-const LEFT: f64 = 5.0;
 
 /// Result of an adjustment.
 #[derive(Clone, Debug, PartialEq)]
@@ -60,6 +49,10 @@ pub struct Adjusted {
     pub parts: Vec<Tried>,
     /// Error of every labelled quantity.
     pub errors: Vec<Error>,
+    /// Shares of rows that show what a zero repairs.
+    pub shares: Vec<Share>,
+    /// Whether nothing was kept and the record is as good as in its fit.
+    pub unaged: bool,
     /// Warnings for the user, in full sentences.
     pub warnings: Vec<String>,
 }
@@ -143,6 +136,19 @@ pub struct Error {
     pub after: f64,
 }
 
+/// Share of rows of the whole finger, 0 to 1.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Share {
+    /// Name: `contact at rest` or `rows with a contact point`.
+    pub name: &'static str,
+    /// Share with the given record.
+    pub before: f64,
+    /// Share with a new zero alone.
+    pub zeroed: f64,
+    /// Share with the adjusted record.
+    pub after: f64,
+}
+
 /// Sets the force of every contact in `recording` to `newtons` straight down.
 ///
 /// The beginning and end of each contact keep their reference.
@@ -183,7 +189,18 @@ pub fn adjust(
     let first = recordings.first().ok_or(FitError::NoRecording)?;
     let warmth = calibration.warmth.as_ref();
     let bias = first.bias(warmth)?;
-    let mut presses = Vec::new();
+    let light = faded(calibration, &bias);
+    let labelled = |recording: &Recording| recording.loaded().iter().any(Option::is_some);
+    if !recordings.iter().any(labelled) {
+        return Err(FitError::Shape {
+            part: "no force labels".into(),
+            problem: "give --reference or --weight".into(),
+        });
+    }
+    if let Some(gains) = &light {
+        same_finger(&first.name, gains)?;
+    }
+    let (mut presses, mut rows) = (Vec::new(), Vec::new());
     for recording in recordings {
         let own = renewed(calibration, &recording.bias(warmth)?);
         let known = |rows: &Range<usize>| {
@@ -192,7 +209,12 @@ pub fn adjust(
                 sample.truth.force[2].is_some() || sensors.iter().any(|force| force[2].is_some())
             })
         };
-        presses.push(contacts(&own, recording).into_iter().filter(known).collect::<Vec<_>>());
+        let loaded = at_rest(recording);
+        let felt = touched(&own, recording);
+        let together = loaded.iter().zip(felt).map(|(loaded, felt)| felt || *loaded == Some(true));
+        let runs = joined(runs(&together.collect::<Vec<_>>()), recording);
+        presses.push(runs.into_iter().filter(known).collect::<Vec<_>>());
+        rows.push(loaded);
     }
     let count = presses.iter().map(Vec::len).sum();
     if count < LEAST_PRESSES {
@@ -206,9 +228,8 @@ pub fn adjust(
         (Some(_), Some(_)) => &[Only::Matrix, Only::Array, Only::Both][..],
         _ => &[Only::Both],
     };
-    let light = faded(calibration, &bias);
     let against = evaluate::against(calibration);
-    let bench = Bench { recordings, presses, parts, bias, light, against };
+    let bench = Bench { recordings, presses, loaded: rows, parts, bias, light, against };
     let old = bench.judge("as it is", [calibration; 2].map(Clone::clone), None, progress, stop)?;
     let (mut now, mut whole, mut zeroed) = (old.clone(), calibration.clone(), old.clone());
     let (mut tried, mut warnings) = (Vec::new(), Vec::new());
@@ -242,7 +263,7 @@ pub fn adjust(
         if zero {
             zeroed = next.clone();
         }
-        let (kept, why) = bench.decide(&now, &next, if zero { ZERO_WORSE } else { WORSE });
+        let (kept, why) = bench.decide(&now, &next, zero);
         if kept {
             (now, whole) = (next, aged);
         } else if parts.len() > 1 {
@@ -260,18 +281,28 @@ pub fn adjust(
         whole.date = date;
     }
     whole.validate().map_err(FitError::Record)?;
-    let errors = bench.errors([&old, &zeroed, &now]);
+    let (errors, shares) = bench.errors([&old, &zeroed, &now]);
     let noise = recordings.iter().map(|r| r.reference_noise()[2]).fold(0.0, f64::max);
-    warnings.extend(left(calibration, noise, &tried, &errors));
-    Ok(Adjusted { calibration: whole, presses: count, parts: tried, errors, warnings })
+    let left = left(calibration, noise, &tried, bench.felt_error(&now));
+    let unaged = left.is_none() && !tried.iter().any(|tried| tried.kept);
+    warnings.extend(left);
+    Ok(Adjusted {
+        calibration: whole,
+        presses: count,
+        parts: tried,
+        errors,
+        shares,
+        unaged,
+        warnings,
+    })
 }
 
-/// Warning about the error that is left, if no part was kept or it is large.
+/// Warning about the error of F_z that is left, if it is large.
 fn left(
     calibration: &Calibration,
     noise: f64,
     tried: &[Tried],
-    errors: &[Error],
+    error: Option<f64>,
 ) -> Option<String> {
     let own = match (&calibration.array, &calibration.taxels) {
         (Some(array), _) => array.residual[2],
@@ -282,13 +313,12 @@ fn left(
         }
         (None, None) => calibration.sensors.iter().flatten().next()?.residual[2],
     };
-    let error = errors.iter().rev().find(|e| e.quantity == FORCES[2])?;
-    let (after, own) = (error.after, f64::from(own).hypot(noise));
+    let (after, own) = (error?, f64::from(own).hypot(noise));
     let none = !tried.iter().any(|tried| tried.kept);
-    (none || after > LEFT * own).then(|| {
+    (after > LEFT * own).then(|| {
         let what = if none { "nothing repairs the record, which stays as it was: " } else { "" };
         format!(
-            "{what}{:.1} mN of F_z are left on presses not used, where the record's own residual and the reference's noise are {:.1} mN; if that is too much, fit anew (taxel calibrate fit)",
+            "{what}{:.1} mN of F_z are left in contact, on presses not used, where the record's own residual and the reference's noise are {:.1} mN; if that is too much, fit anew (taxel calibrate fit)",
             1e3 * after,
             1e3 * own
         )
@@ -304,6 +334,25 @@ fn faded(calibration: &Calibration, bias: &Bias) -> Option<Vec<f64>> {
     };
     let gains: Vec<f64> = (0..TAXELS).map(gain).collect();
     gains.iter().any(|gain| (gain - 1.0).abs() > FADED).then_some(gains)
+}
+
+/// Checks that the light of the taxels changed like that of one finger.
+fn same_finger(recording: &str, gains: &[f64]) -> Result<(), FitError> {
+    let n = gains.len() as f64;
+    let mean = gains.iter().sum::<f64>() / n;
+    let scatter = (gains.iter().map(|g| (g / mean - 1.0).powi(2)).sum::<f64>() / n).sqrt();
+    if scatter <= OTHER_FINGER {
+        return Ok(());
+    }
+    Err(FitError::Mismatch {
+        recording: recording.into(),
+        problem: format!(
+            "this looks like another finger: the unloaded light of its taxels scatters by {:.0} % against the record's, where ageing stays below {:.0} %",
+            100.0 * scatter,
+            100.0 * OTHER_FINGER
+        ),
+        mend: "give this finger's own calibration, or fit one (taxel calibrate fit)".into(),
+    })
 }
 
 /// Returns the calibration with another bias, for the parts that have one.
@@ -322,17 +371,51 @@ fn renewed(calibration: &Calibration, bias: &Bias) -> Calibration {
 
 /// Rows of each contact, found with the finger's own gate.
 fn contacts(calibration: &Calibration, recording: &Recording) -> Vec<Range<usize>> {
+    runs(&touched(calibration, recording))
+}
+
+/// Whether the finger's own gate is open in each row.
+fn touched(calibration: &Calibration, recording: &Recording) -> Vec<bool> {
     let (finger, mut state) = Finger::new(Some(calibration.clone()));
-    let touched: Vec<bool> = recording
-        .samples
-        .iter()
-        .map(|s| finger.estimate(&mut state, &s.scan).status.contains(Status::CONTACT))
-        .collect();
+    let rows = recording.samples.iter();
+    rows.map(|s| finger.estimate(&mut state, &s.scan).status.contains(Status::CONTACT)).collect()
+}
+
+/// Ranges of the true rows.
+fn runs(rows: &[bool]) -> Vec<Range<usize>> {
     let mut begin = 0;
-    let runs = touched.chunk_by(|a, b| a == b).filter_map(|run| {
+    let runs = rows.chunk_by(|a, b| a == b).filter_map(|run| {
         let rows = begin..begin + run.len();
         begin = rows.end;
         run[0].then_some(rows)
     });
     runs.collect()
+}
+
+/// Joins runs with a short gap: the label's noise parts the begin and end of a touch.
+fn joined(runs: Vec<Range<usize>>, recording: &Recording) -> Vec<Range<usize>> {
+    let time = |row: usize| recording.samples[row].scan.time.0;
+    let mut joined: Vec<Range<usize>> = Vec::new();
+    for run in runs {
+        match joined.last_mut() {
+            Some(last) if time(run.start) < time(last.end - 1) + SETTLE_US => last.end = run.end,
+            _ => joined.push(run),
+        }
+    }
+    joined
+}
+
+/// Whether each row is loaded, or at rest; `None` without a label, and soon after a load.
+fn at_rest(recording: &Recording) -> Vec<Option<bool>> {
+    let mut settled = 0;
+    let mut loaded = recording.loaded();
+    loaded.resize(recording.samples.len(), None);
+    for (loaded, sample) in loaded.iter_mut().zip(&recording.samples) {
+        if *loaded == Some(true) {
+            settled = sample.scan.time.0 + SETTLE_US;
+        } else if sample.scan.time.0 < settled {
+            *loaded = None;
+        }
+    }
+    loaded
 }

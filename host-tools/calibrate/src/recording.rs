@@ -180,6 +180,14 @@ impl Recording {
         touched.map(|rows| (0..rows.len()).map(|i| rows[i] && !alone(&rows, i)).collect())
     }
 
+    /// Whether each row is loaded by its reference; `None` for a row without one.
+    pub(crate) fn loaded(&self) -> Vec<Option<bool>> {
+        let touched = self.touched().unwrap_or_default();
+        let known = |s: &Sample| s.truth.contact.is_some() || largest_force(s).is_some();
+        let rows = self.samples.iter().zip(touched);
+        rows.map(|(sample, touched)| known(sample).then_some(touched)).collect()
+    }
+
     /// Standard deviation of each force component of the reference while nothing is touched.
     ///
     /// Zero for a component without a reference, and for an exact one. Between short presses it

@@ -6,11 +6,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use taxel::calibration::Calibration;
 use taxel::condition::Bias;
 use taxel::finger::{self, Finger, SKIN_ERROR};
+use taxel::frame::Status;
 use taxel::measured::NoValue;
 use taxel::scan::{SENSORS, TAXELS};
 use taxel_files::trace::{Truth, sensor_truth_names};
 
-use super::{Error, LEAST_PRESSES, Part, fold, renewed};
+use super::limits::{AGED, BETTER, COMMON, LEAST_PRESSES, SURE, WORSE, ZERO_WORSE};
+use super::{Error, Part, Share, fold, renewed};
 use crate::evaluate::{self, Against, Only};
 use crate::recording::Recording;
 use taxel_regress::error::FitError;
@@ -18,25 +20,32 @@ use taxel_regress::metrics::surely_less;
 use taxel_regress::network::Progress;
 use taxel_regress::shear::{FORCES, NO_SHEAR};
 
-/// Standard deviation of the skin's stiffness, or of the gain of a row of S.
-const COMMON: f64 = 0.2;
-/// Standard errors beyond which a mean difference over the presses is no chance.
-const SURE: f64 = 2.0;
 /// Rows between two reports of progress.
 const REPORTED: usize = 512;
 /// Number of quantities: force, contact point, and a force on each sensor.
 const QUANTITIES: usize = 5 + 3 * SENSORS;
-/// RMS error, as a share of the one before, below which a quantity is better.
-const BETTER: f64 = 0.95;
-/// Largest relative change that counts as ageing; a larger one has another cause.
-const AGED: f64 = 0.5;
 
-/// Estimate, if there is one, and label of each quantity in one row.
-type Row = [Option<(Option<f64>, f64)>; QUANTITIES];
-type Press = Vec<Row>;
-/// Mean square error of each quantity over a press.
-type Squares = [Option<f64>; QUANTITIES];
-/// Mean square error of one quantity over each press.
+/// Estimates and labels of one row.
+#[derive(Clone)]
+struct Row {
+    /// Estimate, if there is one, and label of each quantity.
+    values: [Option<(Option<f64>, f64)>; QUANTITIES],
+    /// Whether the label loads the row.
+    loaded: bool,
+    contact: bool,
+    /// Whether there is a contact point.
+    point: bool,
+}
+
+/// Rows of a press, and the rest before or after it.
+#[derive(Clone, Default)]
+struct Press {
+    rows: Vec<Row>,
+    /// Whether each row at rest says contact.
+    rest: Vec<bool>,
+}
+
+/// Mean square error of one quantity over each press, or a share.
 type Series = Vec<Option<f64>>;
 
 /// Presses, and what a record is judged by.
@@ -44,6 +53,8 @@ pub(super) struct Bench<'r> {
     pub(super) recordings: &'r [Recording],
     /// Rows of the presses of each recording.
     pub(super) presses: Vec<Vec<Range<usize>>>,
+    /// Whether each row of each recording is loaded or at rest, if that is known.
+    pub(super) loaded: Vec<Vec<Option<bool>>>,
     /// Parts of the finger that are judged, the whole last.
     pub(super) parts: &'r [Only],
     /// Zero of the first recording.
@@ -98,9 +109,11 @@ impl Bench<'_> {
         let used = if alike { &records[..1] } else { &records[..] };
         let of = used.len() * self.recordings.iter().map(|r| r.samples.len()).sum::<usize>();
         let (mut presses, mut step) = (Vec::new(), 0);
-        for (recording, runs) in self.recordings.iter().zip(&self.presses) {
+        for ((recording, runs), loaded) in
+            self.recordings.iter().zip(&self.presses).zip(&self.loaded)
+        {
             let first = presses.len();
-            presses.extend(runs.iter().map(|_| Press::new()));
+            presses.extend(runs.iter().map(|_| Press::default()));
             for (half, record) in used.iter().enumerate() {
                 let (finger, mut state) = Finger::new(Some(record.clone()));
                 let mut at = 0;
@@ -118,10 +131,16 @@ impl Bench<'_> {
                     while runs.get(at).is_some_and(|rows| rows.end <= row) {
                         at += 1;
                     }
-                    let press = first + at;
-                    let judged = alike || press % 2 != half;
-                    if judged && runs.get(at).is_some_and(|rows| rows.contains(&row)) {
-                        presses[press].push(self.row(&estimate, &sample.truth));
+                    let Some(last) = runs.len().checked_sub(1) else { continue };
+                    let press = first + at.min(last);
+                    if !alike && press % 2 == half {
+                        continue;
+                    }
+                    if runs.get(at).is_some_and(|rows| rows.contains(&row)) {
+                        let loaded = loaded[row] == Some(true);
+                        presses[press].rows.push(self.row(&estimate, &sample.truth, loaded));
+                    } else if loaded[row] == Some(false) {
+                        presses[press].rest.push(estimate.status.contains(Status::CONTACT));
                     }
                 }
             }
@@ -129,7 +148,7 @@ impl Bench<'_> {
         Ok(presses)
     }
 
-    fn row(&self, estimate: &finger::Estimate, truth: &Truth) -> Row {
+    fn row(&self, estimate: &finger::Estimate, truth: &Truth, loaded: bool) -> Row {
         let mut row = [None; QUANTITIES];
         let mut put = |at: usize, found: Result<f32, NoValue>, truth: Option<f64>| {
             let estimated = !matches!(
@@ -153,7 +172,8 @@ impl Bench<'_> {
                 put(5 + 3 * i + axis, found, truth.sensors[i][axis]);
             }
         }
-        row
+        let contact = estimate.status.contains(Status::CONTACT);
+        Row { values: row, loaded, contact, point: estimate.point.is_ok() }
     }
 
     /// Gains of a part from all presses and from each half.
@@ -194,8 +214,9 @@ impl Bench<'_> {
                 .collect();
             let mut gains = Vec::new();
             let known = |axis: usize| {
-                let rows = presses.iter().flat_map(|press| press.iter());
-                rows.filter_map(move |row| row[first + axis])
+                // A touch below the gate reads zero, which shows no gain.
+                let rows = presses.iter().flat_map(|press| &press.rows).filter(|row| row.contact);
+                rows.filter_map(move |row| row.values[first + axis])
             };
             let peak = |axis: usize| known(axis).fold(0.0, |most: f64, (_, f)| most.max(f.abs()));
             let most = (0..3).map(peak).fold(0.0, f64::max);
@@ -209,7 +230,8 @@ impl Bench<'_> {
                 let known: Vec<Vec<[f64; 2]>> = presses
                     .iter()
                     .map(|press| {
-                        let rows = press.iter().filter_map(|row| row[first + axis]);
+                        let rows = press.rows.iter().filter(|row| row.contact);
+                        let rows = rows.filter_map(|row| row.values[first + axis]);
                         rows.filter_map(|(found, truth)| Some([found?, truth])).collect::<Vec<_>>()
                     })
                     .filter(|press| !press.is_empty())
@@ -283,9 +305,20 @@ impl Bench<'_> {
     }
 
     /// Whether a part is kept, and the quantity that decides.
-    pub(super) fn decide(&self, before: &Judged, after: &Judged, worse: f64) -> (bool, String) {
+    ///
+    /// A zero that ends contacts at rest is judged on the rows that the finger then feels: the
+    /// contact that never ended gave a force for touches that the gate hides, as a young finger's.
+    pub(super) fn decide(&self, before: &Judged, after: &Judged, zero: bool) -> (bool, String) {
         let [mut best, mut worst]: [Option<(f64, String)>; 2] = [None, None];
-        for (at, quantity, [b, a]) in self.quantities([before, after]) {
+        let mut repaired = false;
+        for (name, wrong, [b, a]) in self.shares([before, after]) {
+            let Some(change) = Change::of(&b, &a).filter(Change::is_better) else { continue };
+            let [b, a] = [change.before, change.after].map(|of| shown(of * of, wrong));
+            best = Some((1.0, format!("{name} {:.0} → {:.0} %", 100.0 * b, 100.0 * a)));
+            repaired |= zero && wrong;
+        }
+        let worse = if repaired { ZERO_WORSE } else { WORSE };
+        for (at, quantity, [b, a]) in self.quantities([before, after], repaired) {
             let Some(change) = Change::of(&b, &a) else { continue };
             let told = format!(
                 "{} {} {:.1} → {:.1} {}",
@@ -309,25 +342,43 @@ impl Bench<'_> {
         }
     }
 
-    pub(super) fn errors(&self, stages: [&Judged; 3]) -> Vec<Error> {
-        let rms = |squares: &[Option<f64>]| {
+    pub(super) fn errors(&self, stages: [&Judged; 3]) -> (Vec<Error>, Vec<Share>) {
+        let mean = |squares: &[Option<f64>]| {
             let known: Vec<f64> = squares.iter().flatten().copied().collect();
-            (known.iter().sum::<f64>() / known.len().max(1) as f64).sqrt()
+            known.iter().sum::<f64>() / known.len().max(1) as f64
         };
-        let rows = self.quantities(stages).into_iter().map(|(at, quantity, squares)| {
-            let [before, zeroed, after] = squares.each_ref().map(|squares| rms(squares));
+        let errors = self.quantities(stages, false).into_iter().map(|(at, quantity, squares)| {
+            let [before, zeroed, after] = squares.each_ref().map(|squares| mean(squares).sqrt());
             let (by, quantity) = (by(self.parts[at]), quantity_name(quantity));
             Error { by, quantity, before, zeroed, after }
         });
-        rows.collect()
+        let shares = self.shares(stages).into_iter().map(|(name, wrong, shares)| {
+            let [before, zeroed, after] =
+                shares.each_ref().map(|shares| shown(mean(shares), wrong));
+            Share { name, before, zeroed, after }
+        });
+        (errors.collect(), shares.collect())
+    }
+
+    /// RMS error of the finger's normal force where it says contact.
+    pub(super) fn felt_error(&self, judged: &Judged) -> Option<f64> {
+        let last = self.parts.len() - 1;
+        let quantities = self.quantities([judged], true).into_iter();
+        let (.., [squares]) = quantities.rev().find(|(at, q, _)| (*at, *q) == (last, 2))?;
+        let known: Vec<f64> = squares.into_iter().flatten().collect();
+        Some((known.iter().sum::<f64>() / known.len() as f64).sqrt())
     }
 
     /// Mean square errors over each press, of every quantity that is known in all stages.
-    fn quantities<const N: usize>(&self, stages: [&Judged; N]) -> Vec<(usize, usize, [Series; N])> {
+    ///
+    /// All stages are judged on the same rows; with `felt`, on those with contact in the last.
+    fn quantities<const N: usize>(
+        &self,
+        stages: [&Judged; N],
+        felt: bool,
+    ) -> Vec<(usize, usize, [Series; N])> {
         let mut quantities = Vec::new();
         for at in 0..self.parts.len() {
-            let squares: [Vec<Squares>; N] =
-                stages.map(|judged| judged.presses[at].iter().map(squares).collect());
             // The whole finger tells of each sensor what the sensors alone tell. A block of the
             // array's matrix is no force on its sensor.
             let told = |quantity: &usize| {
@@ -337,16 +388,59 @@ impl Bench<'_> {
                 })
             };
             for quantity in (0..QUANTITIES).filter(told) {
-                let of = squares
-                    .each_ref()
-                    .map(|presses| presses.iter().map(|press| press[quantity]).collect::<Vec<_>>());
-                if of.iter().all(|presses| presses.iter().any(Option::is_some)) {
+                let mut of: [Series; N] = std::array::from_fn(|_| Vec::new());
+                for press in 0..stages[0].presses[at].len() {
+                    let rows = stages.map(|judged| &judged.presses[at][press].rows[..]);
+                    match squares(rows, quantity, felt) {
+                        Some(squares) => {
+                            of.iter_mut()
+                                .zip(squares)
+                                .for_each(|(of, square)| of.push(Some(square)));
+                        }
+                        None => of.iter_mut().for_each(|of| of.push(None)),
+                    }
+                }
+                if of[0].iter().any(Option::is_some) {
                     quantities.push((at, quantity, of));
                 }
             }
         }
         quantities
     }
+
+    /// Share of rows at rest with contact, and of loaded rows without a contact point.
+    ///
+    /// Both are of the whole finger, and true for the one that a contact at rest is.
+    fn shares<const N: usize>(
+        &self,
+        stages: [&Judged; N],
+    ) -> Vec<(&'static str, bool, [Series; N])> {
+        let of = |share: &dyn Fn(&Press) -> Option<f64>| {
+            stages.map(|judged| {
+                judged.presses.last().into_iter().flatten().map(share).collect::<Series>()
+            })
+        };
+        let rest = of(&|press| share(press.rest.iter().copied()));
+        let pointless =
+            of(&|press| share(press.rows.iter().filter(|row| row.loaded).map(|row| !row.point)));
+        let known = |series: &[Series; N]| series.iter().flatten().any(Option::is_some);
+        let points = pointless.iter().flatten().flatten().any(|share| *share < 1.0);
+        let rest = known(&rest).then_some(("contact at rest", true, rest));
+        let points = points.then_some(("rows with a contact point", false, pointless));
+        rest.into_iter().chain(points).collect()
+    }
+}
+
+/// Share of true rows.
+fn share(rows: impl Iterator<Item = bool>) -> Option<f64> {
+    let (all, wrong) =
+        rows.fold((0.0, 0.0), |(all, wrong), row| (all + 1.0, wrong + f64::from(row)));
+    (all > 0.0).then(|| wrong / all)
+}
+
+/// Share as it is printed: one of wrong rows as it is, otherwise that of the right ones.
+fn shown(share: f64, wrong: bool) -> f64 {
+    if wrong { share } else { 1.0 - share }
 }
 
 fn by(only: Only) -> &'static str {
@@ -363,25 +457,30 @@ fn quantity_name(quantity: usize) -> String {
     names.nth(quantity).unwrap_or_default()
 }
 
-/// Mean square error of each quantity.
+/// Mean square error of a quantity in each stage, over the rows that all stages have.
 ///
 /// Without an estimate each component is off by the size of the force: a component of zero would
-/// reward a finger that says nothing.
-fn squares(press: &Press) -> Squares {
-    let size = |row: &Row, quantity: usize| {
+/// reward a finger that says nothing. A touch that reads zero counts with its force.
+fn squares<const N: usize>(stages: [&[Row]; N], quantity: usize, felt: bool) -> Option<[f64; N]> {
+    let size = |row: &Row| {
         let first = if quantity < 3 { 0 } else { quantity - (quantity - 5) % 3 };
-        row[first..first + 3].iter().flatten().map(|(_, truth)| truth.powi(2)).sum::<f64>()
+        let force = row.values[first..first + 3].iter().flatten();
+        force.map(|(_, truth)| truth.powi(2)).sum::<f64>()
     };
-    std::array::from_fn(|quantity| {
-        let rows = press.iter().filter_map(|row| Some((row, row[quantity]?)));
-        let (sum, count) =
-            rows.fold((0.0, 0.0), |(sum, count): (f64, f64), (row, (found, truth))| {
-                let square =
-                    found.map_or_else(|| size(row, quantity), |found: f64| (found - truth).powi(2));
-                (sum + square, count + 1.0)
-            });
-        (count > 0.0).then(|| sum / count)
-    })
+    let (mut sums, mut count) = ([0.0; N], 0.0);
+    for at in 0..stages[0].len() {
+        let rows = stages.map(|rows| &rows[at]);
+        let known = rows.iter().all(|row| row.values[quantity].is_some());
+        if !known || felt && !rows[N - 1].contact {
+            continue;
+        }
+        count += 1.0;
+        for (sum, row) in sums.iter_mut().zip(rows) {
+            let Some((found, truth)) = row.values[quantity] else { continue };
+            *sum += found.map_or_else(|| size(row), |found| (found - truth).powi(2));
+        }
+    }
+    (count > 0.0).then(|| sums.map(|sum| sum / count))
 }
 
 /// Change of a quantity's error, over the presses that both know.

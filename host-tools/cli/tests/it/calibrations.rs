@@ -156,7 +156,7 @@ fn known_weight_replaces_reference_columns() {
     let adjust = ["calibrate", "adjust", "--calibration", VIRTUAL, "--data", "50g.csv"];
     // Without the weight the force of the presses is unknown.
     let error = folder.fails(1, &[&adjust[..], &["--out", "none.toml"]].concat());
-    assert!(error.contains("presses with a known force"), "{error}");
+    assert!(error.contains("no force labels: give --reference or --weight"), "{error}");
     let weighed = ["--weight", "0.4905", "--out", "today.toml", "--json"];
     let outcome = json(&folder.succeeds(&[&adjust[..], &weighed].concat()));
     let errors = outcome["errors"].as_array().unwrap();

@@ -236,6 +236,7 @@ fn commands_named_in_manuals_exist() {
 #[cfg(unix)]
 mod endurance {
     use super::{In, blocks, run};
+    use crate::common::json;
 
     #[test]
     fn readme_runs_as_written() {
@@ -269,5 +270,26 @@ mod endurance {
             let same = words[0].len() == words[1].len();
             assert!(same && words[0].iter().zip(&words[1]).all(near), "{quoted}\n{told}");
         }
+        // On an unseen recording the aged finger is as good as the given record, or as a young one.
+        let unseen = "simulate --scene shear --finger reference --seed 5 --out";
+        let aged = "aged-5.csv --set material.young_mpa=0.206 --set electronics.load_ohm=13950";
+        for out in ["young-5.csv", aged] {
+            let args = format!("{unseen} {out}");
+            In(folder.path()).succeeds(&args.split_whitespace().collect::<Vec<_>>());
+        }
+        let judged = |record, data| {
+            let args = ["calibrate", "evaluate", "--calibration", record, "--data", data, "--json"];
+            json(&In(folder.path()).succeeds(&args))
+        };
+        let young = judged("finger.toml", "young-5.csv");
+        let [given, repaired] = ["finger.toml", "today.toml"].map(|r| judged(r, "aged-5.csv"));
+        for force in ["fx_n", "fy_n", "fz_n"] {
+            let [young, given, repaired] =
+                [&young, &given, &repaired].map(|of| of[force]["rmse"].as_f64().unwrap());
+            let most = 1.05 * given.max(young);
+            assert!(repaired < most, "{force}: {given} given, {repaired} repaired, {young} young");
+        }
+        let points = |of: &serde_json::Value| of["x_mm"]["n"].as_u64().unwrap();
+        assert!(points(&given) < 100 && points(&repaired) > 30_000, "{given} {repaired}");
     }
 }

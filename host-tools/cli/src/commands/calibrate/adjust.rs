@@ -6,6 +6,7 @@ use serde::Serialize;
 use taxel::scan::{SENSORS, TAXELS};
 use taxel_calibrate::adjust::{self, Adjusted, Part};
 use taxel_files::calibration;
+use taxel_files::recording::Scans;
 use taxel_files::stretch::Stretch;
 use taxel_regress::error::FitError;
 use taxel_regress::network::Progress;
@@ -19,7 +20,7 @@ use crate::output::{self, Overwrite};
 ///
 /// Found again: the zero, the light of each taxel, the stiffness of the skin, and the gains of the
 /// force sensors. Each is judged on presses that it was not found from, and kept only if it makes
-/// some quantity better and none worse. Three presses are the least; nine, spread over the finger,
+/// some quantity better and none worse by more than 5 %. Three presses are the least; nine, spread over the finger,
 /// are better. Each recording must begin with 0.5 s without contact.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -28,6 +29,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE[@FROM..TO]", required = true)]
     data: Vec<Stretch>,
     /// Force of every contact in the recordings: a weight at rest, in newtons straight down.
+    /// Weights repair zero and light; the stiffness of the skin needs presses.
     /// Without this option the reference columns fx_n fy_n fz_n (or s0_fx_n …) give the force.
     #[arg(long, value_name = "NEWTONS", value_parser = weight)]
     weight: Option<f64>,
@@ -74,6 +76,9 @@ struct Outcome {
     array_gains: [f64; 3],
     parts: Vec<Tried>,
     errors: Vec<Error>,
+    shares: Vec<Share>,
+    /// Whether nothing has aged.
+    unaged: bool,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     alignments: Vec<Aligned>,
     warnings: Vec<String>,
@@ -99,6 +104,15 @@ struct Error {
     after: f64,
 }
 
+/// Share of rows of the whole finger, 0 to 1.
+#[derive(Serialize)]
+struct Share {
+    name: &'static str,
+    before: f64,
+    zeroed: f64,
+    after: f64,
+}
+
 impl Outcome {
     fn new(calibration: PathBuf, adjusted: Adjusted, alignments: Vec<Aligned>) -> Self {
         let three = |part| {
@@ -117,6 +131,8 @@ impl Outcome {
             array_gains: three(Part::Array),
             parts: adjusted.parts.iter().map(Tried::from).collect(),
             errors: adjusted.errors.into_iter().map(Error::from).collect(),
+            shares: adjusted.shares.into_iter().map(Share::from).collect(),
+            unaged: adjusted.unaged,
             alignments,
             warnings: adjusted.warnings,
         }
@@ -141,6 +157,29 @@ impl From<adjust::Error> for Error {
     }
 }
 
+impl From<adjust::Share> for Share {
+    fn from(adjust::Share { name, before, zeroed, after }: adjust::Share) -> Self {
+        Self { name, before, zeroed, after }
+    }
+}
+
+/// Refuses a recording whose active calibration is of another finger.
+///
+/// The serial number of the chip is no name of a finger, and is not compared.
+fn same_serial(data: &[Stretch], record: &str) -> anyhow::Result<()> {
+    for path in data.iter().map(|stretch| &stretch.path) {
+        let Some(active) = Scans::open(path)?.calibration else { continue };
+        let own = active.serial.as_str();
+        anyhow::ensure!(
+            own.is_empty() || record.is_empty() || own == record,
+            "{}: recorded with the calibration of finger `{own}`, but --calibration is of `{record}`; \
+             give that of `{own}`, or upload that of `{record}` and record again",
+            path.display()
+        );
+    }
+    Ok(())
+}
+
 /// Runs the command.
 ///
 /// A file is invalid, or the recordings lack presses.
@@ -156,6 +195,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let bar = bar("reading the recordings")?;
     let data::Read { mut recordings, alignments } =
         data::traces(&args.data, (&args.reference, args.cell), old.lag)?;
+    same_serial(&args.data, &old.serial)?;
     if let Some(newtons) = args.weight {
         for recording in &mut recordings {
             adjust::weigh(&old, recording, newtons)?;
@@ -201,6 +241,13 @@ fn print(outcome: &Outcome) -> anyhow::Result<()> {
         output::line(format!(
             "{by:<14}{quantity:<10}{before:>10.1}{zeroed:>10.1}{after:>10.1} {unit}"
         ))?;
+    }
+    for Share { name, before, zeroed, after } in &outcome.shares {
+        let [before, zeroed, after] = [before, zeroed, after].map(|share| 100.0 * share);
+        output::line(format!("{name:<25}{before:>9.1}{zeroed:>10.1}{after:>10.1} %"))?;
+    }
+    if outcome.unaged {
+        output::line("nothing has aged; the record is unchanged")?;
     }
     output::line(format!("wrote {}", outcome.calibration.display()))
 }
