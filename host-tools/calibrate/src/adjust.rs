@@ -83,7 +83,7 @@ pub enum Part {
 
 /// Parts in the order in which they are tried, unless one is kept already.
 ///
-/// A dimmer light and a softer skin hide each other in the normal force, so they are tried together.
+/// A dimmer light and a softer skin hide each other in the normal force: they are tried together.
 const TRIED: &[&[Part]] = &[
     &[Part::Bias],
     &[Part::Light],
@@ -318,7 +318,7 @@ fn left(
     (after > LEFT * own).then(|| {
         let what = if none { "nothing repairs the record, which stays as it was: " } else { "" };
         format!(
-            "{what}{:.1} mN of F_z are left in contact, on presses not used, where the record's own residual and the reference's noise are {:.1} mN; if that is too much, fit anew (taxel calibrate fit)",
+            "{what}{:.1} mN of F_z are left on presses not used, in contact, where the record's own residual and the reference's noise are {:.1} mN; if that is too much, fit anew (taxel calibrate fit)",
             1e3 * after,
             1e3 * own
         )

@@ -20,8 +20,9 @@ use crate::output::{self, Overwrite};
 ///
 /// Found again: the zero, the light of each taxel, the stiffness of the skin, and the gains of the
 /// force sensors. Each is judged on presses that it was not found from, and kept only if it makes
-/// some quantity better and none worse by more than 5 %. Three presses are the least; nine, spread over the finger,
-/// are better. Each recording must begin with 0.5 s without contact.
+/// some quantity better and none worse by more than 5 % (10 % for a zero that ends contacts at
+/// rest). Three presses are the least; nine, spread over the finger, are better. Each recording
+/// must begin with 0.5 s without contact.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
