@@ -346,6 +346,19 @@ pub(crate) fn in_order(
     taxels.iter().flatten().chain(bridges).map(|value| f64::from(*value)).collect()
 }
 
+/// Row of a trace with a truth and no codes.
+#[cfg(test)]
+pub(crate) fn bare_sample(micros: u64, truth: Truth) -> Sample {
+    let codes = Codes {
+        full_scale: FullScale::BITS_16,
+        taxels: None,
+        bridges: [None; SENSORS],
+        reference: None,
+        temperature: None,
+    };
+    Sample { scan: Scan { time: Micros(micros), lost: 0, codes }, truth }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -372,17 +385,4 @@ mod tests {
         }
         assert!(recording.reference_noise()[2] > 8e-3);
     }
-}
-
-/// Row of a trace with a truth and no codes.
-#[cfg(test)]
-pub(crate) fn bare_sample(micros: u64, truth: Truth) -> Sample {
-    let codes = Codes {
-        full_scale: FullScale::BITS_16,
-        taxels: None,
-        bridges: [None; SENSORS],
-        reference: None,
-        temperature: None,
-    };
-    Sample { scan: Scan { time: Micros(micros), lost: 0, codes }, truth }
 }
