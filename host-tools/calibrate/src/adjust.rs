@@ -392,7 +392,7 @@ fn runs(rows: &[bool]) -> Vec<Range<usize>> {
     runs.collect()
 }
 
-/// Joins runs with a short gap: the label's noise parts the begin and end of a touch.
+/// Joins runs with a short gap: the label's noise parts the beginning and end of a touch.
 fn joined(runs: Vec<Range<usize>>, recording: &Recording) -> Vec<Range<usize>> {
     let time = |row: usize| recording.samples[row].scan.time.0;
     let mut joined: Vec<Range<usize>> = Vec::new();

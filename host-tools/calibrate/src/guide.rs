@@ -312,6 +312,12 @@ impl Guide {
         counts
     }
 
+    /// Whether nothing more is asked for.
+    #[must_use]
+    pub fn is_done(&self) -> bool {
+        self.bias.is_some() && self.target.is_none()
+    }
+
     /// Next step for the person who presses.
     #[must_use]
     pub fn step(&self) -> Step {

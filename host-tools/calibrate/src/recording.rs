@@ -198,20 +198,19 @@ impl Recording {
 
     /// Noise of the reference as [`Self::reference_noise`], without the flanks of presses.
     pub(crate) fn still_noise(&self) -> [f64; 3] {
-        let Some(mut touched) = self.touched() else { return [0.0; 3] };
+        let Some(touched) = self.touched() else { return [0.0; 3] };
         let time = |i: usize| self.samples[i].scan.time.0;
-        let pressed: Vec<usize> = (0..touched.len()).filter(|i| touched[*i]).collect();
-        for at in pressed {
-            let before = (0..at).rev().take_while(|i| time(*i) + FLANK_US >= time(at));
-            let after = (at + 1..touched.len()).take_while(|i| time(*i) <= time(at) + FLANK_US);
-            // Rows of the same press are touched already.
-            let before: Vec<usize> = before.take_while(|i| !touched[*i]).collect();
-            let after: Vec<usize> = after.take_while(|i| !touched[*i]).collect();
-            before.into_iter().chain(after).for_each(|i| touched[i] = true);
+        let mut left_out = touched.clone();
+        for at in (0..touched.len()).filter(|i| touched[*i]) {
+            // Beyond the next touched row that one's own flank begins.
+            let near = |i: &usize| !touched[*i] && time(*i).abs_diff(time(at)) <= FLANK_US;
+            let before = (0..at).rev().take_while(near);
+            let after = (at + 1..touched.len()).take_while(near);
+            before.chain(after).for_each(|i| left_out[i] = true);
         }
-        match touched.iter().filter(|touched| !**touched).count() {
+        match left_out.iter().filter(|left_out| !**left_out).count() {
             still if still < LEAST_ROWS => self.reference_noise(),
-            _ => self.noise_of(&touched),
+            _ => self.noise_of(&left_out),
         }
     }
 

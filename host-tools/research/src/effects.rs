@@ -143,20 +143,13 @@ pub fn write_table(moved: &[Moved], path: &Path) -> anyhow::Result<()> {
 /// # Errors
 /// A line is not one that [`write_table`] writes.
 pub fn parse(text: &str) -> anyhow::Result<Vec<Moved>> {
-    let row = |line: &str| -> anyhow::Result<Moved> {
-        let cells: Vec<&str> = line.split(',').collect();
-        let [effect, scene, matrix, both, time] = cells[..] else {
-            anyhow::bail!("expected five cells")
-        };
-        Ok(Moved {
-            effect: effect.into(),
-            scene: scene.into(),
-            sigmas: [matrix.parse()?, both.parse()?],
-            time: time.parse::<f64>()? / 100.0,
-        })
-    };
-    let lines = text.lines().enumerate().skip(1);
-    lines.map(|(i, line)| row(line).with_context(|| format!("line {}", i + 1))).collect()
+    let mut reader = csv::Reader::from_reader(text.as_bytes());
+    let rows = reader.deserialize().enumerate().map(|(i, row)| {
+        let (effect, scene, matrix, both, percent): (_, _, _, _, f64) =
+            row.with_context(|| format!("line {}", i + 2))?;
+        Ok(Moved { effect, scene, sigmas: [matrix, both], time: percent / 100.0 })
+    });
+    rows.collect()
 }
 
 /// Draws the table of the page: a row an effect, a column a scene.

@@ -36,8 +36,8 @@ pub(super) fn light(calibration: &mut Calibration, gains: &[f64; TAXELS]) -> Res
 
 /// Folds the stiffness of the skin, as a multiple of that in calibration, into a record.
 ///
-/// By Hertz and Cattaneo the displacements depend on the place and on forces over Young's modulus
-/// alone, so every force is a multiple of the one before.
+/// The displacements depend on the place and on forces over Young's modulus alone (Hertz and
+/// Cattaneo), so every force is a multiple of the one before.
 ///
 /// # Errors
 ///

@@ -24,7 +24,7 @@ pub(super) const BETTER: f64 = 0.95;
 pub(super) const WORSE: f64 = 1.05;
 /// Limit of [`WORSE`] for a zero that ends contacts at rest.
 ///
-/// A contact that never ends follows the begin of each touch, which a sound finger's gate hides.
+/// A contact that never ends follows the beginning of each touch, which a sound finger's gate hides.
 pub(super) const ZERO_WORSE: f64 = 1.1;
 /// Multiple of the record's own residual from which what is left calls for a new fit.
 pub(super) const LEFT: f64 = 5.0;

@@ -20,7 +20,9 @@ pub struct Channel {
 }
 
 impl Channel {
-    fn new(columns: &str, used: Vec<String>, why: &str) -> Self {
+    /// Makes the entry of a group of columns; `why` counts only if nothing uses them.
+    #[must_use]
+    pub fn new(columns: &str, used: Vec<String>, why: &str) -> Self {
         let why = if used.is_empty() { why.to_owned() } else { String::new() };
         Self { columns: columns.into(), used, why }
     }

@@ -9,6 +9,7 @@ use super::{Current, Known};
 const HELD: (f64, u64) = (0.8, 500_000);
 /// Longest time of a fast press from its beginning to nine tenths of its peak.
 const FAST: (f64, u64) = (0.9, 100_000);
+
 impl Current {
     /// Whether the strength stays near the peak for half a second.
     pub(super) fn is_held(&self) -> bool {

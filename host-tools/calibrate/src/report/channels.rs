@@ -40,8 +40,7 @@ pub(crate) fn channels(calibration: &Calibration, recordings: &[Recording]) -> V
     }
     let mut add = |known: bool, columns: &str, used: Option<String>, why: &str| {
         if known {
-            let why = if used.is_some() { "" } else { why }.to_owned();
-            list.push(Channel { columns: columns.into(), used: used.into_iter().collect(), why });
+            list.push(Channel::new(columns, used.into_iter().collect(), why));
         }
     };
     let warmth = part(calibration.warmth.is_some(), "temperature compensation");

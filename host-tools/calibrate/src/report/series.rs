@@ -1,7 +1,5 @@
 //! Series of references and estimates, row by row, by the arithmetic of the chip.
 
-use std::collections::BTreeSet;
-
 use crate::evaluate::FLAGS;
 use crate::recording::Recording;
 use taxel::calibration::Calibration;
@@ -122,6 +120,8 @@ pub struct Series {
 /// Circumstances of a row.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Row {
+    /// Index of the recording's sample.
+    pub sample: usize,
     /// Number of the press, counted again after each second of it; `None` without a load.
     pub press: Option<usize>,
     /// Whether the finger flags a fault.
@@ -201,7 +201,7 @@ pub(crate) fn run(calibration: &Calibration, recording: &Recording) -> Vec<Serie
     let bench = bench_sensor(calibration);
     let begin = recording.samples.first().map_or(0, |sample| sample.scan.time.0);
     let presses = presses(recording);
-    for (sample, press) in recording.samples.iter().zip(presses) {
+    for (at, (sample, press)) in recording.samples.iter().zip(presses).enumerate() {
         let estimate = finger.estimate(&mut state, &sample.scan);
         let time = sample.scan.time.0.saturating_sub(begin) as f64 * 1e-6;
         let place = match sample.truth.point {
@@ -215,7 +215,7 @@ pub(crate) fn run(calibration: &Calibration, recording: &Recording) -> Vec<Serie
                 series.reference.push(reference);
                 series.estimate.push(said(&series.kind, &estimate, bench).map(f64::from));
                 series.sigma.push(stated(&series.kind, &estimate, bench).map(f64::from));
-                series.rows.push(Row { press, flagged, place, changing: false });
+                series.rows.push(Row { sample: at, press, flagged, place, changing: false });
             }
         }
     }
@@ -244,23 +244,16 @@ pub(crate) fn leave_changing_out(all: &mut [Series], recording: &Recording) {
         let [a, b] = [i, j].map(|at| recording.samples[at].truth.force);
         a.into_iter().zip(b).any(|(a, b)| a.zip(b).is_some_and(|(a, b)| (a - b).abs() > most))
     };
-    let (mut first, mut changing) = (0, BTreeSet::new());
+    let (mut first, mut changing) = (0, Vec::with_capacity(recording.samples.len()));
     for i in 0..recording.samples.len() {
         while time(first) + BESIDE_US < time(i) {
             first += 1;
         }
         let after = (i..recording.samples.len()).take_while(|j| time(*j) <= time(i) + BESIDE_US);
-        if (first..i).chain(after).any(|j| differs(i, j)) {
-            changing.insert(time(i));
-        }
+        changing.push((first..i).chain(after).any(|j| differs(i, j)));
     }
-    let begin = recording.samples.first().map_or(0, |sample| sample.scan.time.0);
-    let changing: BTreeSet<u64> =
-        changing.into_iter().map(|at| (at.saturating_sub(begin) as f64 * 1e-6).to_bits()).collect();
     for series in all.iter_mut().filter(|series| matches!(series.kind, Kind::Force(_))) {
-        for (row, time) in series.rows.iter_mut().zip(&series.time) {
-            row.changing = changing.contains(&time.to_bits());
-        }
+        series.rows.iter_mut().for_each(|row| row.changing = changing[row.sample]);
     }
 }
 

@@ -44,14 +44,11 @@ pub fn judge(model: &TableModel, judged: &[TableRecording], fitted: &[TableRecor
         coverage::over(&pairs(model), &mapped(model, fitted, known), &mapped(model, judged, known));
     let quantities = verdict::of_table(&model.targets);
     let report = assemble(about(model, known), warnings, trials, coverage, (&quantities, held_out));
-    let channel = |columns: String, used: &str| Channel {
-        columns,
-        used: vec![used.into()],
-        why: String::new(),
-    };
+    let channel =
+        |columns: &[String], used: &str| Channel::new(&columns.join(", "), vec![used.into()], "");
     let channels = vec![
-        channel(model.inputs.join(", "), "inputs of the model"),
-        channel(model.targets.join(", "), "labels that this page judges by"),
+        channel(&model.inputs, "inputs of the model"),
+        channel(&model.targets, "labels that this page judges by"),
     ];
     Report { channels, ..report }
 }

@@ -139,11 +139,8 @@ pub fn other_reference_columns(alignments: &[Aligned]) -> impl Iterator<Item = C
     let (moments, others): (Vec<&str>, Vec<&str>) =
         names.into_iter().partition(|name| MOMENTS.contains(name));
     let placed = alignments.iter().any(|aligned| aligned.placed_rows.is_some());
-    let used = placed.then(|| Channel {
-        columns: MOMENTS.join(", "),
-        used: vec!["x_mm, y_mm, torsion_nmm of the rows".to_owned()],
-        why: String::new(),
-    });
+    let labels = || vec!["x_mm, y_mm, torsion_nmm of the rows".to_owned()];
+    let used = placed.then(|| Channel::new(&MOMENTS.join(", "), labels(), ""));
     let why = alignments.iter().find_map(|aligned| aligned.no_moments);
     let incomplete = "a contact point needs all of mx_nmm, my_nmm, mz_nmm";
     let moments = used.or_else(|| leftover(&moments, why.unwrap_or(incomplete)));
@@ -153,8 +150,7 @@ pub fn other_reference_columns(alignments: &[Aligned]) -> impl Iterator<Item = C
 
 /// Entry for columns that nothing uses; `None` without any.
 fn leftover(columns: &[&str], why: &str) -> Option<Channel> {
-    let columns = columns.join(", ");
-    (!columns.is_empty()).then(|| Channel { columns, used: Vec::new(), why: why.to_owned() })
+    (!columns.is_empty()).then(|| Channel::new(&columns.join(", "), Vec::new(), why))
 }
 
 /// Columns of the recordings that are neither codes nor labels.

@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use taxel::frame::Frame;
-use taxel_calibrate::guide::{Guide, Known, Step};
+use taxel_calibrate::guide::{Guide, Known};
 
 use crate::commands::record;
 use crate::finger::{PortArg, address, checked_by_finger};
@@ -79,13 +79,15 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             Next::Progress(_) => {}
             Next::Again(_) => guide.restart(),
         }
-        let step = guide.step();
-        let enough = is_last(&step);
-        if !terminal && !enough && told.as_ref() != Some(&step) {
-            output::note(&step);
+        if guide.is_done() {
+            return Ok(ControlFlow::Break(()));
         }
-        told = Some(step);
-        Ok(if enough { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
+        let step = (!terminal).then(|| guide.step());
+        if let Some(step) = step.filter(|step| told.as_ref() != Some(step)) {
+            output::note(&step);
+            told = Some(step);
+        }
+        Ok(ControlFlow::Continue(()))
     });
     if refused {
         // The file has nothing that a fit could use. A device or a pipe stays.
@@ -95,7 +97,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     }
     recorded?;
     let Some(guide) = guide else { return Ok(()) };
-    if !is_last(&guide.step()) {
+    if !guide.is_done() {
         return output::line(format_args!(
             "ended early; next: {}\n{}",
             guide.step(),
@@ -108,11 +110,6 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     output::line(guide.picture())?;
     output::note(guide.step());
     Ok(())
-}
-
-/// Whether nothing more is asked for.
-fn is_last(step: &Step) -> bool {
-    matches!(step, Step::Enough | Step::Ended(_))
 }
 
 /// Force and place of a calibrated finger; `None` without a normal force.
