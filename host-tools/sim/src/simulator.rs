@@ -377,6 +377,7 @@ impl Iterator for Simulator {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::contact::SILICONE_YOUNG_MPA;
 
     fn run(name: &str, seed: u64) -> Vec<Sample> {
         Simulator::new(&Scene::load(name).unwrap(), seed).collect()
@@ -463,10 +464,10 @@ mod tests {
 
     #[test]
     fn skin_effects_change_light_when_listed() {
-        let run = |effects: &str| -> Vec<f64> {
+        let of = |effects: &str, young: f64| -> Vec<f64> {
             let text = format!(
-                "effects = [{effects}]\n[scan]\nrate_hz = 1000\nduration_s = 1\n[temperature]\n\
-                 start_c = 55\nend_c = 55\n[[press]]\nat_s = 0.1\nx_mm = -1\ny_mm = -1\nfz_n = 1\n\
+                "effects = [{effects}]\n[scan]\nrate_hz = 1000\nduration_s = 1\n[material]\n\
+                 young_mpa = {young}\n[temperature]\nstart_c = 55\nend_c = 55\n[[press]]\nat_s = 0.1\nx_mm = -1\ny_mm = -1\nfz_n = 1\n\
                  rise_s = 0.01\nhold_s = 0.5\nfall_s = 0.01\n"
             );
             let scene = Scene::parse("test.toml", &text).unwrap();
@@ -475,6 +476,7 @@ mod tests {
                 core::iter::from_fn(|| run.next().map(|_| run.displacement().unwrap()[5]));
             displacement.collect()
         };
+        let run = |effects: &str| of(effects, SILICONE_YOUNG_MPA);
         let elastic = run("");
         let stiff = run("'stiffening'");
         let first = run("'hysteresis'");
@@ -482,7 +484,10 @@ mod tests {
         let warm = run("'temperature'");
         // During the hold, so at rest.
         assert!(stiff[500] < 0.9 * elastic[500], "{} of {}", stiff[500], elastic[500]);
-        assert!((first[500] / elastic[500] - 0.9).abs() < 1e-12);
+        // The area of the contact too is that of a skin as stiff.
+        let stiffer = of("", SILICONE_YOUNG_MPA / 0.9);
+        assert!((first[500] / stiffer[500] - 1.0).abs() < 1e-9, "{} {}", first[500], stiffer[500]);
+        assert!((first[500] / elastic[500] - 0.9).abs() > 1e-3);
         assert!((slow[500] / elastic[500] - 1.0).abs() < 1e-6 && slow[111] < 0.9 * elastic[111]);
         assert!((0.9..0.99).contains(&(warm[500] / elastic[500])));
         assert!(elastic[621] == 0.0 && slow[621] > 0.1 * elastic[500], "it comes up slowly");

@@ -56,6 +56,8 @@ pub struct Skin {
     first_cycle: Option<FirstCycle>,
     follows: Option<Follows>,
     creep: Option<Creep>,
+    /// Displacement of the last frame over that by Hooke's law.
+    softness: f64,
 }
 
 impl Skin {
@@ -69,12 +71,22 @@ impl Skin {
                 .then(|| FirstCycle::new(scene.material.first_cycle_ratio)),
             follows: scene.has(Effect::SkinResponse).then(|| Follows::new(scene)),
             creep: scene.has(Effect::Creep).then(|| Creep::new(scene)),
+            softness: 1.0,
         };
         let listed = skin.stiffens.is_some()
             || skin.first_cycle.is_some()
             || skin.follows.is_some()
             || skin.creep.is_some();
         listed.then_some(skin)
+    }
+
+    /// Share of a load that makes an elastic contact as small, and as deep, as a skin so stiff does.
+    ///
+    /// The contact's area depends on force over stiffness, as the displacements do (Johnson §4.2).
+    /// The stiffness is that of the last frame, which hardly changes from frame to frame.
+    #[must_use]
+    pub fn softness(&self) -> f64 {
+        self.softness
     }
 
     /// Displacement of the facets in mm, one frame later, for the displacement `elastic` by Hooke's
@@ -88,6 +100,7 @@ impl Skin {
         if let Some(first_cycle) = &mut self.first_cycle {
             displacement = first_cycle.displace(displacement);
         }
+        self.softness = share(&displacement, &elastic);
         if let Some(creep) = &mut self.creep {
             displacement = creep.displace(displacement);
         }
@@ -96,6 +109,14 @@ impl Skin {
             None => displacement,
         }
     }
+}
+
+/// Factor of `whole`, in mm, that comes closest to `part`; 1 where it is less than a nanometre.
+fn share(part: &[f64; TAXELS], whole: &[f64; TAXELS]) -> f64 {
+    const NANOMETRE: f64 = 1e-6;
+    let dot = |a: &[f64; TAXELS]| a.iter().zip(whole).map(|(a, b)| a * b).sum::<f64>();
+    let squares = dot(whole);
+    if squares > NANOMETRE * NANOMETRE { dot(part) / squares } else { 1.0 }
 }
 
 /// Softening by the largest load so far, after Mullins.

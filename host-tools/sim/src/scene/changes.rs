@@ -47,12 +47,20 @@ impl Scene {
     /// The scene or a change is not valid; the message is one line.
     pub fn load_changed(name_or_path: &str, changes: &Changes) -> Result<Self, FileError> {
         let (path, text) = super::read::text_of(name_or_path)?;
-        let scene = Self::parse(&path, &text)?;
+        Self::parse_changed(&path, &text, changes)
+    }
+
+    /// Parses a scene as [`Scene::parse`] does, with changes.
+    ///
+    /// # Errors
+    /// Those of [`Self::load_changed`].
+    pub fn parse_changed(path: &str, text: &str, changes: &Changes) -> Result<Self, FileError> {
+        let scene = Self::parse(path, text)?;
         if !changes.reference && changes.set.is_empty() {
             return Ok(scene);
         }
-        let error = |problem: String| FileError::new(&path, problem);
-        let mut table: Table = toml::from_str(&text).map_err(|e| error(e.to_string()))?;
+        let error = |problem: String| FileError::new(path, problem);
+        let mut table: Table = toml::from_str(text).map_err(|e| error(e.to_string()))?;
         if changes.reference {
             if scene.device.kind != super::Kind::Taxel4x4 {
                 return Err(error("only a `taxel-4x4` has a reference finger".to_owned())

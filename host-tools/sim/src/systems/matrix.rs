@@ -130,15 +130,20 @@ impl Facets {
     fn light(&mut self, contacts: &Contacts, missing: Missing, warmer_k: f64) -> [f64; TAXELS] {
         let touched = self.contact.as_ref().filter(|_| !contacts.is_empty());
         let celsius = REFERENCE_C + warmer_k;
+        // A stiffer skin is displaced as by a smaller load: less, and on a smaller area.
+        let warm = if warmer_k == 0.0 { 1.0 } else { softness(celsius) };
+        let worked = self.skin.as_ref().map_or(1.0, Skin::softness);
         self.displacement = touched.map_or([0.0; TAXELS], |contact| {
-            if warmer_k == 0.0 {
+            let share = warm * worked;
+            if share == 1.0 {
                 contact.displacement(contacts)
             } else {
-                contact.displacement(&contacts.scaled(softness(celsius)))
+                contact.displacement(&contacts.scaled(share))
             }
         });
         if let Some(skin) = &mut self.skin {
-            self.displacement = skin.displace(self.displacement, celsius);
+            let elastic = self.displacement.map(|u| u / worked);
+            self.displacement = skin.displace(elastic, celsius);
         }
         if touched.is_none() && self.skin.is_none() && missing == Missing::default() {
             return self.unloaded;
