@@ -25,10 +25,9 @@ macro_rules! scenes {
 }
 
 /// Scenes of these sensors for the simulator, by name.
-pub const SCENES: [(&str, &str); 11] = scenes! {
+pub const SCENES: [(&str, &str); 10] = scenes! {
     "line-fit"
     "line-trial"
-    "line-slide"
     "micro-press"
     "micro-shear"
     "sheet-press"

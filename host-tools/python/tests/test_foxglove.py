@@ -184,14 +184,14 @@ def test_scene_draws_pad_taxels_and_force(command: str, tmp_path: Path):
 
 
 def test_flags_are_lines_of_the_log(command: str):
-    with bridge(command, ["sim:fault-dead-led"]) as (_, url), open_viewer(url) as viewer:
-        channel = channels(viewer, {"/taxel/fault-dead-led/log"})["/taxel/fault-dead-led/log"]
+    with bridge(command, ["sim:fault"]) as (_, url), open_viewer(url) as viewer:
+        channel = channels(viewer, {"/taxel/fault/log"})["/taxel/fault/log"]
         assert channel["schemaName"] == "foxglove.Log"
         log = message_class(channel)
         error = log.DESCRIPTOR.fields_by_name["level"].enum_type.values_by_name["ERROR"].number
         for _, nanos, payload in messages(viewer, {1: channel["id"]}):
             line = log.FromString(payload)
-            assert (line.name, line.timestamp.ToNanoseconds()) == ("fault-dead-led", nanos)
+            assert (line.name, line.timestamp.ToNanoseconds()) == ("fault", nanos)
             if line.message.startswith("dead-taxel: "):
                 assert line.level == error and "taxel self-test" in line.message
                 return

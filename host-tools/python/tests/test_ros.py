@@ -211,8 +211,8 @@ def test_diagnostics_tell_faults_and_a_lost_finger(command: str, network: Networ
         arrays = read(network, "diagnostics", DIAGNOSTICS)
         return [s for array in arrays for s in array.status if s.name == f"taxel/{name}: finger"]
 
-    with bridge(command, network, ["sim:press", "sim:fault-dead-led"]):
-        wait(lambda: len(found("press")) > 3 and any(s.level == ERROR for s in found("fault_dead_led")))
+    with bridge(command, network, ["sim:press", "sim:fault"]):
+        wait(lambda: len(found("press")) > 3 and any(s.level == ERROR for s in found("fault")))
     sound = 0
     for status in found("press")[1:]:
         values = {pair.key: pair.value for pair in status.values}
@@ -225,7 +225,7 @@ def test_diagnostics_tell_faults_and_a_lost_finger(command: str, network: Networ
         else:
             assert status.level == WARN
     assert sound > 0
-    fault = next(status for status in found("fault_dead_led") if status.level == ERROR)
+    fault = next(status for status in found("fault") if status.level == ERROR)
     assert "A taxel sees no light" in fault.message
     assert "dead-taxel" in {pair.key: pair.value for pair in fault.values}["flags"].split()
     network.topics.clear()

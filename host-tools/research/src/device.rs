@@ -4,7 +4,8 @@ use anyhow::Context;
 use taxel::condition::{Bias, Levels, Signals};
 use taxel_calibrate::recording::Recording;
 use taxel_files::trace::Sample;
-use taxel_sim::{Effect, Scene, Simulator};
+use taxel_sim::scene::Changes;
+use taxel_sim::{Scene, Simulator};
 
 use crate::truth::{Beyond, Touches};
 
@@ -70,18 +71,19 @@ impl Device {
 }
 
 fn recorded(device: u64, name: &str) -> anyhow::Result<Recording> {
-    let samples = run(device, name, &[Effect::Temperature], FITTED)?;
+    let samples = run(device, name, &["effects.temperature=true"], FITTED)?;
     Ok(Recording { name: name.to_owned(), samples })
 }
 
-/// Runs a built-in scene on the device with this seed.
+/// Runs a built-in scene with changes on the device with this seed.
 pub(crate) fn run(
     device: u64,
     scene: &str,
-    effects: &[Effect],
+    set: &[&str],
     seed: u64,
 ) -> anyhow::Result<Vec<Sample>> {
-    let mut scene = effects.iter().fold(Scene::load(scene)?, |scene, e| scene.with_effect(*e));
+    let set = set.iter().map(|change| (*change).to_owned()).collect();
+    let mut scene = Scene::load_changed(scene, &Changes { reference: false, set })?;
     scene.device.seed = device;
     Ok(Simulator::new(&scene, seed).collect())
 }

@@ -189,11 +189,12 @@ pub fn write(rows: &[Row], folder: &Path) -> anyhow::Result<()> {
         scatter::draw(rows, panels)?.save(folder.join(format!("estimators{name}.svg")))?;
     }
     let own = papers::all().into_iter().map(|paper| (paper.judged, paper.quantities));
-    let all: Vec<Title<'_>> = SCENES
-        .into_iter()
-        .chain(own)
-        .flat_map(|(scene, quantities)| quantities.iter().map(move |q| (scene, *q)))
-        .collect();
+    let mut all: Vec<Title<'_>> = Vec::new();
+    for (scene, quantities) in SCENES.into_iter().chain(own) {
+        // Two fingertips share the scene `array`, and a panel.
+        let new = quantities.iter().map(|q| (scene, *q)).filter(|title| !all.contains(title));
+        all.extend(new.collect::<Vec<_>>());
+    }
     let lead = "Root mean square error on runs that the fits have not seen, the mean over the devices, over the \
                 modelled cycles of one estimate from conditioned signals.";
     save_page(

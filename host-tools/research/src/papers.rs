@@ -42,7 +42,8 @@ const FEELS: Holds = |[_, _, z]| z >= 0.002;
 /// Standard deviation of the moment of four bare sensors, N·mm.
 const MOMENT: f32 = 0.2;
 const PLANE: Surface = Surface::Plane;
-/// Surface of the scene `array-ellipsoid`.
+/// Change of the scene `array` to an ellipsoid, and its surface.
+const UNDER_AN_ELLIPSOID: &[&str] = &["device.surface.ellipsoid=[14, 10, 8]"];
 const ELLIPSOID: Surface =
     Surface::Ellipsoid { half_axes: [Millimetres(14.0), Millimetres(10.0), Millimetres(8.0)] };
 
@@ -56,6 +57,8 @@ pub(crate) struct Paper {
     pub stages: &'static [&'static str],
     fitted: &'static [&'static str],
     pub judged: &'static str,
+    /// Changes of these scenes.
+    set: &'static [&'static str],
     pub quantities: &'static [Quantity],
     /// Condition on the force in newtons for a moment to be fitted or judged.
     pub holds: Holds,
@@ -74,6 +77,7 @@ pub(crate) fn all() -> Vec<Paper> {
             stages: &["DeMaria2011: line of four"],
             fitted: &["line-fit"],
             judged: "line-trial",
+            set: &[],
             quantities: &[Place, Angle],
             holds: OF_ONE_SIZE,
             fit: line_of_four,
@@ -84,6 +88,7 @@ pub(crate) fn all() -> Vec<Paper> {
             stages: &["Ohka2005: feeler, 16 pixels"],
             fitted: &["micro-shear"],
             judged: "micro-shear",
+            set: &[],
             quantities: &[Normal, Shear],
             holds: FEELS,
             fit: feeler,
@@ -94,6 +99,7 @@ pub(crate) fn all() -> Vec<Paper> {
             stages: &["Ohka2004: four columns"],
             fitted: &["column-press", "column-shear"],
             judged: "column-shear",
+            set: &[],
             quantities: &[Normal, Shear],
             holds: PRESSED,
             fit: columns,
@@ -102,8 +108,9 @@ pub(crate) fn all() -> Vec<Paper> {
             name: "Ospina2017: one sensor",
             group: Group::Sensors,
             stages: &["f = S(u - b), one sensor"],
-            fitted: &["mems-bare"],
-            judged: "mems-bare",
+            fitted: &["mems"],
+            judged: "mems",
+            set: &[],
             quantities: &[Normal, Shear],
             holds: PRESSED,
             fit: one_sensor,
@@ -112,8 +119,9 @@ pub(crate) fn all() -> Vec<Paper> {
             name: "Ospina2017: four under a plane",
             group: Group::Sensors,
             stages: &["sum of four sensors", "array: wrench as a sum", "array: contact on a plane"],
-            fitted: &["array-plane"],
-            judged: "array-plane",
+            fitted: &["array"],
+            judged: "array",
+            set: &[],
             quantities: &[Normal, Shear, Point, Torsion],
             holds: |[_, _, z]| z >= 0.2,
             fit: |runs| four_sensors(runs, PLANE),
@@ -126,8 +134,9 @@ pub(crate) fn all() -> Vec<Paper> {
                 "array: wrench as a sum",
                 "array: contact on an ellipsoid",
             ],
-            fitted: &["array-ellipsoid"],
-            judged: "array-ellipsoid",
+            fitted: &["array"],
+            judged: "array",
+            set: UNDER_AN_ELLIPSOID,
             quantities: &[Normal, Shear, Point, Torsion],
             holds: |[_, _, z]| z >= 0.2,
             fit: |runs| four_sensors(runs, ELLIPSOID),
@@ -141,17 +150,17 @@ impl Paper {
     /// # Errors
     /// A built-in scene cannot be run, or the fit failed.
     pub(crate) fn on(&self, device: u64) -> anyhow::Result<(Method, Run)> {
-        let fitted = self.fitted.iter().map(|scene| moments(device, scene, FITTED));
+        let fitted = self.fitted.iter().map(|scene| moments(device, scene, self.set, FITTED));
         let fitted = fitted.collect::<anyhow::Result<Vec<Run>>>()?;
         let says = (self.fit)(&fitted).with_context(|| self.name)?;
         let method = Method::new(self.name, self.group, self.stages, says);
-        Ok((method, moments(device, self.judged, JUDGED)?))
+        Ok((method, moments(device, self.judged, self.set, JUDGED)?))
     }
 }
 
 /// Records a run; its bias comes from its own unloaded beginning.
-fn moments(device: u64, scene: &str, seed: u64) -> anyhow::Result<Run> {
-    let samples = run(device, scene, &[], seed)?;
+fn moments(device: u64, scene: &str, set: &[&str], seed: u64) -> anyhow::Result<Run> {
+    let samples = run(device, scene, set, seed)?;
     let recording = Recording { name: scene.to_owned(), samples };
     let signals = recording.signals(&recording.bias(None)?, None);
     let moment = |(sample, signals)| Moment { sample, signals, beyond: Beyond::default() };

@@ -39,7 +39,8 @@ pub struct Args {
     /// materials with all effects of a real finger.
     #[arg(long, value_enum, default_value_t = Finger::Ideal)]
     finger: Finger,
-    /// Change a key of the scene: `material.young_mpa=0.3`, `effects.walls=false`.
+    /// Change a key of the scene: `material.young_mpa=0.3`, `effects.walls=false`; an empty value
+    /// leaves the key out.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Seed of noise, lamps and random presses; the device's own seed is in the scene.

@@ -86,7 +86,7 @@ impl Tapped {
 #[test]
 fn page_shows_stream_values_and_every_peak() {
     let folder = tempfile::tempdir().unwrap();
-    let finger = finger("press-4khz");
+    let finger = finger("flicker");
     let tapped = tapped(&finger, 4000, Fields::ALL, folder.path());
     let mut browser = Browser::open(&tapped.server.url(), 1280, 900);
     browser.wait_for("Number(document.getElementById('values').dataset.seq) > 12000");
@@ -167,7 +167,7 @@ fn page_shows_stream_values_and_every_peak() {
 #[test]
 fn a_4_khz_stream_is_drawn_60_times_a_second() {
     let folder = tempfile::tempdir().unwrap();
-    let finger = finger("press-4khz");
+    let finger = finger("flicker");
     // Fields that the page requests by itself.
     let fields = Fields::ESTIMATES | Fields::SIGNALS;
     let tapped = tapped(&finger, 4000, fields, folder.path());

@@ -295,7 +295,7 @@ fn guided_recording_ends_when_presses_are_enough() {
     // A file that exists is kept, and a finger without the matrix is refused.
     let error = taxel.fails(1, &record);
     assert!(error.contains("the file exists already"), "{error}");
-    let refused = ["calibrate", "record", "--port", "sim:mems-bare", "--out", "bare.mcap"];
+    let refused = ["calibrate", "record", "--port", "sim:mems", "--out", "bare.mcap"];
     let error = taxel.fails(1, &refused);
     assert!(error.contains("bare.mcap: the frames have no codes of the optical matrix"), "{error}");
     assert!(!folder.path().join("bare.mcap").exists());
@@ -562,7 +562,7 @@ fn full_disk_ends_recording_and_keeps_rows() {
         let script = "trap '' XFSZ; ulimit -f 2000; exec \"$0\" \"$@\"";
         let output = std::process::Command::new("bash")
             .args(["-c", script, env!("CARGO_BIN_EXE_taxel")])
-            .args(["record", "--port", "sim:press-4khz", "--rate", "4000", "--fields", "all"])
+            .args(["record", "--port", "sim:flicker", "--rate", "4000", "--fields", "all"])
             .args(["--out", name])
             .current_dir(folder.path())
             .output()

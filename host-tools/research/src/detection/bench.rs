@@ -191,8 +191,9 @@ impl Bench {
             ("press.hold_s", END_S - TOUCH_S - 3.0 * RISE_S),
             ("press.fall_s", RISE_S),
         ];
-        let set = keys.map(|(key, value)| format!("{key}={value:?}"));
-        let scene = scene("press-4khz", self.device, self.warm, &set)?;
+        let mut set = keys.map(|(key, value)| format!("{key}={value:?}")).to_vec();
+        set.push(format!("scan.rate_hz={RATE_HZ}"));
+        let scene = scene("press", self.device, self.warm, &set)?;
         let (finger, mut state) = self.finger(has);
         let mut run = Run {
             finger,

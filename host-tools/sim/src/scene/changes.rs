@@ -36,7 +36,8 @@ pub struct Changes {
     /// Whether the finger is the reference finger: its parts, where the scene gives none, and
     /// [`REAL`].
     pub reference: bool,
-    /// Keys with their values, such as `material.young_mpa=0.3` or `effects.walls=false`.
+    /// Keys with their values, such as `material.young_mpa=0.3` or `effects.walls=false`; an empty
+    /// value leaves the key out.
     pub set: Vec<String>,
 }
 
@@ -127,9 +128,8 @@ fn set(table: &mut Table, change: &str) -> Result<(), String> {
     let value = match read(value) {
         Ok(mut read) => read.remove("v"),
         // A word needs no quotes.
-        Err(_) => Some(value.into()),
+        Err(_) => (!value.is_empty()).then(|| value.into()),
     };
-    let value = value.ok_or("expected KEY=VALUE")?;
     let (path, last) = key.rsplit_once('.').unwrap_or(("", key));
     let mut at = table;
     for name in path.split('.').filter(|name| !name.is_empty()) {
@@ -141,7 +141,11 @@ fn set(table: &mut Table, change: &str) -> Result<(), String> {
         };
         at = next.and_then(Value::as_table_mut).ok_or_else(|| format!("`{name}` has no keys"))?;
     }
-    at.insert(last.to_owned(), value);
+    match value {
+        Some(value) => _ = at.insert(last.to_owned(), value),
+        None if at.remove(last).is_some() => {}
+        None => return Err(format!("there is no `{last}` to leave out")),
+    }
     Ok(())
 }
 
@@ -186,6 +190,8 @@ mod tests {
         let weak = changed(false, &["press.fz_n=0.5", "device.coating=rA"]).unwrap();
         assert_eq!(weak.acts().len(), Scene::load("press").unwrap().acts().len());
         assert_eq!(weak.press[0].get_ref().fz_n, 0.5);
+        let idle = changed(false, &["press="]).unwrap();
+        assert!(idle.acts().is_empty() && changed(false, &["press.fx_n="]).is_ok());
     }
 
     #[test]
@@ -196,6 +202,7 @@ mod tests {
         let unknown = said("effects.wall=false");
         assert!(unknown.contains("`wall`") && unknown.contains("`walls`"), "{unknown}");
         assert!(said("scan").contains("expected KEY=VALUE"));
+        assert!(said("press.fy_n=").contains("there is no `fy_n` to leave out"));
         let message = Scene::load_changed("micro-press", &Changes { reference: true, set: vec![] });
         assert!(message.unwrap_err().to_string().contains("reference finger"));
     }

@@ -2,21 +2,9 @@
 
 use taxel::scan::{Codes, TAXELS};
 use taxel_files::trace::Sample;
-use taxel_sim::scene::built_in;
 use taxel_sim::{Effect, Scene, Simulator};
 
-use crate::run;
-
-fn text(name: &str) -> &'static str {
-    built_in().find(|(built_in, _)| *built_in == name).unwrap().1
-}
-
-/// Runs the scene with one part of its text replaced, with the same seed.
-fn changed(name: &str, what: &str, by: &str) -> Vec<Sample> {
-    let text = text(name);
-    assert!(text.contains(what), "{name} has {what}");
-    Simulator::new(&Scene::parse("test.toml", &text.replace(what, by)).unwrap(), 1).collect()
-}
+use crate::{changed, run};
 
 fn at(samples: &[Sample], seconds: f64) -> &Sample {
     let found = samples.iter().find(|s| s.scan.time.0 as f64 >= 1e6 * seconds);
@@ -48,9 +36,15 @@ fn largest(rise: [f64; TAXELS]) -> f64 {
 
 #[test]
 fn framed_facets_move_less_and_only_nearby() {
-    let walls = run("press-walls", 1);
-    let free = changed("press-walls", "\"walls\",", "");
-    // 1 N in the middle of a window, taxel 9; taxel 11 is two windows away.
+    // 1 N above the middle of a window, then above the corner of four.
+    let held = |at_s: f64, x: f64, y: f64| {
+        format!("{{at_s={at_s},x_mm={x},y_mm={y},fz_n=1.0,rise_s=0.1,hold_s=0.5,fall_s=0.1}}")
+    };
+    let presses = format!("press=[{},{}]", held(0.5, -1.25, 1.25), held(1.5, 0.0, 0.0));
+    let set = ["scan.rate_hz=500", "scan.duration_s=2.5", &presses];
+    let free = changed("press", &set, 1);
+    let walls = changed("press", &[&set[..], &["effects.walls=true"]].concat(), 1);
+    // The window is that of taxel 9; taxel 11 is two windows away.
     let (framed, half_space) = (rise(&walls, 0.8), rise(&free, 0.8));
     assert!(largest(framed) == framed[9] && largest(half_space) == half_space[9]);
     assert!((2.0..5.0).contains(&(half_space[9] / framed[9])), "{framed:?} {half_space:?}");
@@ -63,9 +57,15 @@ fn framed_facets_move_less_and_only_nearby() {
 
 #[test]
 fn frame_keeps_a_quarter_of_shear() {
-    let walls = run("shear-walls", 1);
-    let free = changed("shear-walls", "\"walls\",", "");
     // Shear to +x and to −x under the same load: half the difference is the effect of shear.
+    let sheared = |at_s: f64, x: f64| {
+        let press = "x_mm=0.6,y_mm=-0.4,fz_n=1.2,rise_s=0.1,hold_s=0.9,fall_s=0.1";
+        format!("{{at_s={at_s},fx_n={x},{press}}}")
+    };
+    let presses = format!("press=[{},{}]", sheared(0.5, 0.7), sheared(2.0, -0.7));
+    let set = ["scan.rate_hz=500", "scan.duration_s=3.5", &presses];
+    let free = changed("press", &set, 1);
+    let walls = changed("press", &[&set[..], &["effects.walls=true"]].concat(), 1);
     let shear = |samples: &[Sample]| -> [f64; TAXELS] {
         let (right, left) = (rise(samples, 1.03), rise(samples, 2.53));
         std::array::from_fn(|k| 0.5 * (right[k] - left[k]))
@@ -81,10 +81,22 @@ fn frame_keeps_a_quarter_of_shear() {
     assert!(far(framed) / far(half_space) < 0.6 * left, "{framed:?} {half_space:?}");
 }
 
-/// In `skin-cycle` the presses are held at 1.8 N from 0.6 + 0.7 i to 0.9 + 0.7 i s.
+/// Five presses on a fresh skin, less an effect: held at 1.8 N from 0.6 + 0.7 i to 0.9 + 0.7 i s.
+fn skin_cycle(less: Option<&str>) -> Vec<Sample> {
+    let press = |at_s: &str| {
+        let press = "x_mm=0,y_mm=0,fz_n=1.8,rise_s=0.1,hold_s=0.3,fall_s=0.01";
+        format!("{{at_s={at_s},{press}}}")
+    };
+    let presses = format!("press=[{}]", ["0.5", "1.2", "1.9", "2.6", "3.3"].map(press).join(","));
+    let effects = ["stiffening", "hysteresis", "skin-response"];
+    let set = effects.map(|effect| format!("effects.{effect}={}", Some(effect) != less));
+    let [stiff, slack, slow] = set.each_ref().map(String::as_str);
+    changed("press", &["scan.duration_s=4", &presses, stiff, slack, slow], 1)
+}
+
 #[test]
 fn fresh_skin_is_stiffer_in_first_press() {
-    let cycle = run("skin-cycle", 1);
+    let cycle = skin_cycle(None);
     let presses: Vec<f64> =
         (0..5).map(|i| largest(rise(&cycle, 0.85 + 0.7 * f64::from(i)))).collect();
     // At the largest load so far every press is on the curve of the first; below it, on the softer
@@ -96,7 +108,7 @@ fn fresh_skin_is_stiffer_in_first_press() {
         assert!((later / half_way(1) - 1.0).abs() < 0.01, "{i}");
     }
     assert!(presses.iter().all(|p| (p / presses[0] - 1.0).abs() < 0.01), "{presses:?}");
-    let worked_in = changed("skin-cycle", "\"hysteresis\", ", "");
+    let worked_in = skin_cycle(Some("hysteresis"));
     let of = |i: u32| largest(rise_at(&worked_in, 0.55 + 0.7 * f64::from(i)));
     assert!((of(1) / of(0) - 1.0).abs() < 0.01);
 }
@@ -111,8 +123,7 @@ fn rise_at(samples: &[Sample], seconds: f64) -> [f64; TAXELS] {
 
 #[test]
 fn stiffening_skin_moves_less_under_hard_press() {
-    let stiffening = run("skin-cycle", 1);
-    let linear = changed("skin-cycle", "\"stiffening\", ", "");
+    let (stiffening, linear) = (skin_cycle(None), skin_cycle(Some("stiffening")));
     let less =
         |seconds: f64| largest(rise_at(&stiffening, seconds)) / largest(rise_at(&linear, seconds));
     // At 1.8 N during the hold, and at a tenth of it during the rise.
@@ -122,8 +133,7 @@ fn stiffening_skin_moves_less_under_hard_press() {
 
 #[test]
 fn slow_skin_stays_displaced_after_release() {
-    let slow = run("skin-cycle", 1);
-    let prompt = changed("skin-cycle", ", \"skin-response\"", "");
+    let (slow, prompt) = (skin_cycle(None), skin_cycle(Some("skin-response")));
     // The release lasts from 0.9 to 0.91 s.
     let left =
         |samples: &[Sample]| largest(rise_at(samples, 0.911)) / largest(rise_at(samples, 0.85));
@@ -148,25 +158,23 @@ fn ripple_reaches_light_and_fixed_bridges() {
     let bridge = |codes: &Codes| f64::from(codes.bridges[0].unwrap().a.0);
     let light = |codes: &Codes| levels(codes)[5];
     let fixed = run("ripple", 1);
-    let follows = changed("ripple", "ratiometric = false", "ratiometric = true");
+    let follows = changed("ripple", &["electronics.ratiometric=true"], 1);
     // 1 % of 5 V is 1 % in a midpoint, and 1.35 % in the light of an LED that drops 1.3 V. Lamps
     // swing at the same frequency, as `flicker` does without it.
     assert!((swing(&fixed, &bridge) - 0.01).abs() < 2e-4, "{}", swing(&fixed, &bridge));
     assert!(swing(&follows, &bridge) < 1e-4, "{}", swing(&follows, &bridge));
     assert!((swing(&fixed, &light) - 0.0135).abs() < 1e-3, "{}", swing(&fixed, &light));
-    let still = changed("ripple", "\"supply-ripple\",", "");
+    let still = changed("ripple", &["effects.supply-ripple=false"], 1);
     assert!(swing(&still, &light) < 2e-3 && swing(&still, &bridge) < 1e-4);
 }
 
-/// Codes of a fault scene with and without its fault; both are equal until it begins.
-fn with_and_without(name: &str) -> (Vec<Sample>, Vec<Sample>) {
-    let whole = text(name);
-    let sound = whole.split("[[fault]]").next().unwrap();
-    let broken = run(name, 1);
-    let scene = Scene::parse("test.toml", sound).unwrap();
-    let sound: Vec<Sample> = Simulator::new(&scene, 1).collect();
-    assert!(broken[..1000] == sound[..1000], "{name}");
-    assert!(broken[1000..].iter().zip(&sound[1000..]).all(|(b, s)| b.truth == s.truth), "{name}");
+/// Codes of the scene `fault` with this fault, in changes apart by spaces, and without any; both are
+/// equal until it begins.
+fn with_and_without(fault: &str) -> (Vec<Sample>, Vec<Sample>) {
+    let set: Vec<&str> = fault.split_whitespace().collect();
+    let (broken, sound) = (changed("fault", &set, 1), changed("fault", &["fault="], 1));
+    assert!(broken[..1000] == sound[..1000], "{fault}");
+    assert!(broken[1000..].iter().zip(&sound[1000..]).all(|(b, s)| b.truth == s.truth), "{fault}");
     (broken, sound)
 }
 
@@ -178,7 +186,7 @@ fn off(broken: &Sample, sound: &Sample) -> Vec<usize> {
 
 #[test]
 fn dead_led_darkens_only_its_taxel() {
-    let (broken, sound) = with_and_without("fault-dead-led");
+    let (broken, sound) = with_and_without("");
     assert_eq!(off(&broken[1500], &sound[1500]), [6]);
     // The rest is stray light of its row.
     assert!(levels(&broken[1500].scan.codes)[6] < 0.1 * levels(&sound[1500].scan.codes)[6]);
@@ -186,7 +194,7 @@ fn dead_led_darkens_only_its_taxel() {
 
 #[test]
 fn open_column_reads_zero() {
-    let (broken, sound) = with_and_without("fault-open-channel");
+    let (broken, sound) = with_and_without("fault.kind=open-channel fault.channel=c2");
     assert_eq!(off(&broken[1500], &sound[1500]), [2, 6, 10, 14]);
     let codes = broken[1500].scan.codes.taxels.unwrap();
     assert!(codes.lit.iter().all(|row| row[2].0 < 50) && codes.dark[2].0 < 50);
@@ -194,7 +202,8 @@ fn open_column_reads_zero() {
 
 #[test]
 fn shorted_midpoint_reads_zero_until_repaired() {
-    let (broken, sound) = with_and_without("fault-shorted-channel");
+    let set = "fault.kind=shorted-channel fault.channel=s0_a fault.until_s=1.5";
+    let (broken, sound) = with_and_without(set);
     let midpoints = |sample: &Sample| sample.scan.codes.bridges.map(Option::unwrap);
     for (t, (broken, sound)) in broken.iter().zip(&sound).enumerate() {
         let (broken, sound) = (midpoints(broken), midpoints(sound));
@@ -206,7 +215,7 @@ fn shorted_midpoint_reads_zero_until_repaired() {
 
 #[test]
 fn stuck_taxel_repeats_its_code_bit_for_bit() {
-    let (broken, sound) = with_and_without("fault-stuck-channel");
+    let (broken, sound) = with_and_without("fault.kind=stuck-channel");
     let lit = |samples: &[Sample]| -> Vec<u16> {
         samples[1000..].iter().map(|s| s.scan.codes.taxels.unwrap().lit[1][2].0).collect()
     };
@@ -217,7 +226,8 @@ fn stuck_taxel_repeats_its_code_bit_for_bit() {
 
 #[test]
 fn saturated_input_reads_full_scale() {
-    let (broken, _) = with_and_without("fault-saturated-adc");
+    let set = "fault.kind=saturated-adc fault.channel=c2 fault.until_s=1.5";
+    let (broken, _) = with_and_without(set);
     for (t, sample) in broken.iter().enumerate() {
         let codes = sample.scan.codes.taxels.unwrap();
         let full = codes.lit.iter().chain([&codes.dark]).all(|row| row[2].0 == 65_535);
@@ -227,7 +237,7 @@ fn saturated_input_reads_full_scale() {
 
 #[test]
 fn broken_arm_drives_its_midpoint_to_a_rail() {
-    let (broken, sound) = with_and_without("fault-broken-arm");
+    let (broken, sound) = with_and_without("fault.kind=broken-arm fault.channel=s0_r3");
     let share = |sample: &Sample| {
         let m = sample.scan.codes.bridges[0].unwrap();
         [m.a, m.b, m.c, m.d].map(|code| f64::from(code.0) / 65_535.0)
@@ -240,7 +250,8 @@ fn broken_arm_drives_its_midpoint_to_a_rail() {
 
 #[test]
 fn supply_dip_dims_light_lifts_reference() {
-    let (broken, sound) = with_and_without("fault-supply-dip");
+    let set = "fault.kind=supply-dip fault.channel= fault.ratio=0.8 fault.until_s=1.5";
+    let (broken, sound) = with_and_without(set);
     let reference = |sample: &Sample| f64::from(sample.scan.codes.reference.unwrap().0) / 65_535.0;
     assert!((reference(&sound[1250]) - 0.5).abs() < 1e-3);
     assert!((reference(&broken[1250]) - 0.5 / 0.8).abs() < 1e-3);
@@ -253,7 +264,8 @@ fn supply_dip_dims_light_lifts_reference() {
 
 #[test]
 fn swapped_columns_mirror_the_pattern() {
-    let (broken, sound) = with_and_without("fault-swapped-columns");
+    let set = "fault.kind=swapped-columns fault.channel=c1 fault.with=c2";
+    let (broken, sound) = with_and_without(set);
     let (now, was) = (mean(&broken, 1.2), mean(&sound, 1.2));
     for row in 0..4 {
         for (column, other) in [(0, 0), (1, 2), (2, 1), (3, 3)] {

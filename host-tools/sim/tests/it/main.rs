@@ -20,6 +20,7 @@ mod reference;
 use nalgebra::{DMatrix, DVector};
 use taxel::condition::{Bias, BiasTaker, Levels, Signals};
 use taxel_files::trace::Sample;
+use taxel_sim::scene::Changes;
 use taxel_sim::{Scene, Simulator};
 
 /// Number of unloaded frames at the beginning of every scene from which a bias is taken.
@@ -28,6 +29,13 @@ const UNLOADED: u16 = 100;
 /// Frames of a built-in scene.
 fn run(name: &str, seed: u64) -> Vec<Sample> {
     Simulator::new(&Scene::load(name).unwrap(), seed).collect()
+}
+
+/// Frames of a built-in scene with changes, each `KEY=VALUE`.
+fn changed(name: &str, set: &[&str], seed: u64) -> Vec<Sample> {
+    let set = set.iter().map(|change| (*change).to_owned()).collect();
+    let scene = Scene::load_changed(name, &Changes { reference: false, set });
+    Simulator::new(&scene.unwrap(), seed).collect()
 }
 
 /// Seeds of devices that were not used during development.
