@@ -3,6 +3,8 @@
 //! The boards' settle time, the simulator's reference device, the pages' bills of materials and the
 //! circuit simulation read [`REFERENCE`]. A test fails where a page disagrees.
 
+use taxel::scan::ScanSettings;
+
 /// Finger that the pages describe.
 #[derive(Clone, Copy, Debug)]
 pub struct Finger {
@@ -35,6 +37,10 @@ pub struct Pair {
     pub gap_mm: f64,
     /// Height of the phototransistor above the board in mm.
     pub height_mm: f64,
+    /// Length and width of either package in mm.
+    pub package_mm: [f64; 2],
+    /// Length of solder beyond each end of a package in mm.
+    pub toe_mm: f64,
     /// Photocurrent of a mean pair at the peak of its light curve, in amperes.
     pub peak_a: f64,
 }
@@ -47,6 +53,12 @@ impl Pair {
     pub const fn photocurrent_a(&self, gap_mm: f64) -> f64 {
         let (q, s2) = (4.0 * gap_mm * gap_mm, self.separation_mm * self.separation_mm);
         self.peak_a * 4.0 * q * s2 / ((q + s2) * (q + s2))
+    }
+
+    /// Length of a package with its solder in mm: from end to end of its pads.
+    #[must_use]
+    pub const fn pads_mm(&self) -> f64 {
+        self.package_mm[0] + 2.0 * self.toe_mm
     }
 
     /// Photocurrent in amperes of a mean pair at rest.
@@ -68,8 +80,8 @@ pub struct Column {
     pub feedback_ohm: f64,
     /// Feedback capacitor in farads.
     pub feedback_f: f64,
-    /// Voltage of the non-inverting input, as a share of the supply.
-    pub reference_ratio: f64,
+    /// Divider of the non-inverting input's voltage in ohms: to the supply, and to ground.
+    pub divider_ohm: [f64; 2],
     /// Gain times bandwidth of the amplifier in hertz.
     pub bandwidth_hz: f64,
     /// Voltage noise of the amplifier in volts per root hertz.
@@ -84,6 +96,15 @@ pub struct Column {
     pub wires_f: f64,
     /// Resistor between the amplifier and the converter's pin in ohms.
     pub pin_ohm: f64,
+}
+
+impl Column {
+    /// Voltage of the non-inverting input, as a share of the supply.
+    #[must_use]
+    pub const fn reference_ratio(&self) -> f64 {
+        let [high, low] = self.divider_ohm;
+        low / (high + low)
+    }
 }
 
 /// Converter of a column's voltage.
@@ -106,6 +127,15 @@ pub struct Converter {
     pub scan_hz: u16,
     /// Default settle time in nanoseconds.
     pub settle_ns: u32,
+}
+
+impl Converter {
+    /// Default settings of a scan.
+    #[must_use]
+    pub const fn settings(&self) -> ScanSettings {
+        let Self { scan_hz, oversampling, settle_ns, .. } = *self;
+        ScanSettings { scan_hz, oversampling, settle_ns }
+    }
 }
 
 /// Regulator and filter of the analogue supply.
@@ -218,7 +248,8 @@ impl Finger {
     /// Share of the converter's range that `current_a` makes.
     #[must_use]
     pub const fn share(&self, current_a: f64) -> f64 {
-        self.column.reference_ratio + current_a * self.column.feedback_ohm / self.converter.range_v
+        self.column.reference_ratio()
+            + current_a * self.column.feedback_ohm / self.converter.range_v
     }
 }
 
@@ -238,13 +269,16 @@ pub const REFERENCE: Finger = Finger {
         // 0.7 mm.
         gap_mm: 1.4,
         height_mm: 0.65,
+        package_mm: [1.7, 0.8],
+        toe_mm: 0.2,
         peak_a: 154.687_5e-6,
     },
     column: Column {
         amplifier: "TLV9064IPWR",
         feedback_ohm: 15_000.0,
         feedback_f: 10e-12,
-        reference_ratio: 0.125,
+        // E24 values whose ratio is 7: an eighth of the supply.
+        divider_ohm: [91_000.0, 13_000.0],
         bandwidth_hz: 10e6,
         noise_v: 10e-9,
         slew_v_s: 6.5e6,
@@ -281,4 +315,4 @@ pub const REFERENCE: Finger = Finger {
 // The default settle time covers the circuit.
 const _: () = assert!(REFERENCE.settles_ns() <= REFERENCE.converter.settle_ns);
 // Lit phototransistors stay above their saturation voltage of 0.14 V (data sheet).
-const _: () = assert!(REFERENCE.column.reference_ratio * REFERENCE.converter.range_v >= 0.3);
+const _: () = assert!(REFERENCE.column.reference_ratio() * REFERENCE.converter.range_v >= 0.3);

@@ -25,11 +25,17 @@ fn files() -> Vec<(String, Vec<u8>)> {
     let of = |name: &str, text: String| (format!("{BOARD}/{name}"), text.into_bytes());
     let table = "(sym_lib_table\n  (lib (name \"taxel\")(type \"KiCad\")(uri \"${KIPRJMOD}/taxel.kicad_sym\")\
                  (options \"\")(descr \"symbols of this schematic\"))\n)\n";
+    let footprints =
+        table.replace("sym_lib_table", "fp_lib_table").replace(".kicad_sym", ".pretty");
+    let footprints = footprints.replace("symbols", "footprints");
+    let (_, footprint) = schematic::footprint::NAME.split_once(':').unwrap_or_default();
     let project = "{\n  \"meta\": { \"filename\": \"taxel.kicad_pro\", \"version\": 1 }\n}\n";
     let mut files = vec![
         of("taxel.kicad_sch", schematic::board::file()),
         of("taxel.kicad_sym", schematic::library()),
         of("sym-lib-table", table.to_owned()),
+        of("fp-lib-table", footprints),
+        of(&format!("taxel.pretty/{footprint}.kicad_mod"), schematic::footprint::file()),
         of("taxel.kicad_pro", project.to_owned()),
         ("docs/images/mould.svg".to_owned(), mould::picture().into_bytes()),
         ("docs/images/mount.svg".to_owned(), mount::drawing().into_bytes()),

@@ -18,7 +18,8 @@ fn rows(finger: &Finger) -> Vec<String> {
         ohms(column.feedback_ohm),
         1e12 * column.feedback_f
     );
-    let divider = 1.0 / column.reference_ratio;
+    let divider = 1.0 / column.reference_ratio();
+    let [high, low] = column.divider_ohm.map(ohms);
     let settles = f64::from(finger.settles_ns()) / 1000.0;
     let tau = 1e6 * finger.time_constant_s();
     let (range, led) = (finger.converter.range_v, ohms(pair.led_ohm));
@@ -40,11 +41,8 @@ fn rows(finger: &Finger) -> Vec<String> {
         format!("| ferrite bead, VDDA | {} (", supply.bead),
         format!("| column amplifier, quad | {} (", column.amplifier),
         format!("| column feedback | {feedback} | 4 + 4 |"),
-        format!(
-            "| column reference; column pins | {} kΩ, 10 kΩ 0.1 %; {}",
-            10.0 * (divider - 1.0),
-            ohms(column.pin_ohm)
-        ),
+        format!("| column reference; column pins | {high}, {low} 0.1 %; {}", ohms(column.pin_ohm)),
+        format!("from {high} and {low} with 100 nF"),
         format!("The other input is at VDDA/{divider}"),
         format!("with {} and {:.0} pF", ohms(column.feedback_ohm), 1e12 * column.feedback_f),
         format!("each with its own {led} from VDDA"),

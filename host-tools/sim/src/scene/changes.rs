@@ -91,7 +91,7 @@ fn make_reference(table: &mut Table) {
         ("electronics", "pga_gain", 1.into()),
         ("electronics", "time_constant_us", (1e6 * REFERENCE.time_constant_s()).into()),
         ("electronics", "oversampling", i64::from(converter.oversampling).into()),
-        ("electronics", "reference_ratio", column.reference_ratio.into()),
+        ("electronics", "reference_ratio", column.reference_ratio().into()),
         ("scan", "step_us", (1_000_000 / (i64::from(STEPS) * scan_hz)).into()),
     ];
     for (within, key, value) in parts {
@@ -152,7 +152,6 @@ fn set(table: &mut Table, change: &str) -> Result<(), String> {
 #[cfg(test)]
 mod tests {
     use scan_plan::g431;
-    use taxel::scan::ScanSettings;
 
     use super::*;
     use crate::Effect;
@@ -172,11 +171,7 @@ mod tests {
         let tau = 1e6 * REFERENCE.time_constant_s();
         assert!((scene.time_constant_us() - tau).abs() < 1e-9);
         assert_eq!(scene.oversampling(), REFERENCE.converter.oversampling);
-        let plan = g431::plan(ScanSettings {
-            scan_hz: REFERENCE.converter.scan_hz,
-            oversampling: REFERENCE.converter.oversampling,
-            settle_ns: REFERENCE.converter.settle_ns,
-        });
+        let plan = g431::plan(REFERENCE.converter.settings());
         assert_eq!(scene.scan.step_us(), plan.unwrap().step.frame_us() / STEPS);
         // The scene's own timing stays.
         assert_eq!(scene.rate_hz(), Scene::load("press").unwrap().rate_hz());

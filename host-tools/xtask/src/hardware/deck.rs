@@ -275,6 +275,6 @@ pub fn models(title: &str) -> String {
 #[must_use]
 pub fn ideal_supply() -> String {
     let range = REFERENCE.converter.range_v;
-    let reference = REFERENCE.column.reference_ratio * range;
+    let reference = REFERENCE.column.reference_ratio() * range;
     format!("Vdd vdd 0 {range}\nVref ref 0 {reference}\n")
 }

@@ -248,7 +248,7 @@ mod tests {
         let measured = measure::measure(&Circuit::reference(), timing).unwrap();
         assert!(measured.settles_s <= 1e-9 * f64::from(settle::DEFAULT_NS), "{measured:?}");
         // Signal and slope of the definition: the rest level without the reference's share.
-        let rest = REFERENCE.share(REFERENCE.pair.rest_a()) - REFERENCE.column.reference_ratio;
+        let rest = REFERENCE.share(REFERENCE.pair.rest_a()) - REFERENCE.column.reference_ratio();
         assert!(near(measured.rest, rest, 0.01), "{measured:?}");
         // A base discharges by its own current: its light decays as Q/t whatever it was, with
         // Q = h·C·V_T. The junctions' bias changes C, hence a fifth.

@@ -15,11 +15,7 @@ pub const STEPS: f64 = (1u32 << REFERENCE.converter.bits) as f64;
 pub const HALF_STEP_V: f64 = REFERENCE.converter.range_v / STEPS / 2.0;
 
 /// Settings of the default scan.
-pub const DEFAULT: ScanSettings = ScanSettings {
-    scan_hz: REFERENCE.converter.scan_hz,
-    oversampling: REFERENCE.converter.oversampling,
-    settle_ns: REFERENCE.converter.settle_ns,
-};
+pub const DEFAULT: ScanSettings = REFERENCE.converter.settings();
 
 /// Times of a scan on the STM32G431.
 pub fn timing(settings: ScanSettings) -> Result<Timing> {
@@ -204,14 +200,8 @@ pub fn supply_step(timing: Timing) -> Result<SupplyStep> {
         ),
     );
     // Divider of the columns' reference with its 100 nF.
-    let ratio = REFERENCE.column.reference_ratio;
-    add(
-        &mut deck,
-        format_args!(
-            "Rhigh vdd ref {:e}\nRlow ref 0 10k\nCref ref 0 100n",
-            10e3 * (1.0 / ratio - 1.0)
-        ),
-    );
+    let [high, low] = REFERENCE.column.divider_ohm;
+    add(&mut deck, format_args!("Rhigh vdd ref {high:e}\nRlow ref 0 {low:e}\nCref ref 0 100n"));
     // A scan turns one row after another on; the light follows the LEDs' current.
     add(
         &mut deck,

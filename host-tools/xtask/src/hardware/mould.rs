@@ -16,8 +16,6 @@ pub const FRAME_MM: f64 = 24.0;
 pub const SCREW_MM: [f64; 2] = [10.2, 2.2];
 /// Clearance between two parts in mm.
 const CLEARANCE_MM: f64 = 0.1;
-/// Length and width of the packages of LED and phototransistor in mm (SFH4050, SFH3010).
-pub const PACKAGE_MM: [f64; 2] = [1.7, 0.8];
 /// Thickness of the plugs' plate and of the tray's floor in mm.
 const PLATE_MM: f64 = 3.0;
 /// Depth to which the tray guides the frame in mm.
@@ -46,11 +44,11 @@ pub fn frame_mm() -> f64 {
     REFERENCE.pair.height_mm + REFERENCE.pair.gap_mm
 }
 
-/// Width across a pair's two packages, and along them, with clearance.
+/// Width across a pair's two packages with clearance, and along them with their solder.
 #[must_use]
 pub fn pocket_mm() -> [f64; 2] {
-    let [length, width] = PACKAGE_MM;
-    [REFERENCE.pair.separation_mm + width + CLEARANCE_MM, length + 2.0 * CLEARANCE_MM]
+    let pair = REFERENCE.pair;
+    [pair.separation_mm + pair.package_mm[1] + CLEARANCE_MM, pair.pads_mm()]
 }
 
 /// Frame on the board: a window for each facet, a wider pocket for its pair below.
@@ -153,11 +151,29 @@ mod tests {
     }
 
     #[test]
-    fn walls_between_the_taxels_can_be_made() {
-        let pitch = f64::from(PITCH.0);
-        // The wall that carries the skin, and the thinnest between two pairs.
-        assert!(pitch - REFERENCE.skin.facet_mm >= 0.6 - 1e-9);
-        assert!(pitch - pocket_mm()[0] >= 0.2 - 1e-9, "{:?}", pocket_mm());
+    fn walls_are_those_of_the_page() {
+        let (pitch, pair) = (f64::from(PITCH.0), REFERENCE.pair);
+        let page = std::fs::read_to_string(root().join("docs/build-a-finger.md")).unwrap();
+        let page = page.split_whitespace().collect::<Vec<_>>().join(" ");
+        let [across, along] = pocket_mm().map(|pocket| pitch - pocket);
+        let carries = pitch - REFERENCE.skin.facet_mm;
+        assert!(carries >= 0.6 - 1e-9 && along >= 0.4 - 1e-9, "{carries} {along}");
+        // The pitch leaves no more than 0.3 mm between two pairs.
+        let most = pitch - pair.separation_mm - pair.package_mm[1];
+        assert!(across >= 0.2 - 1e-9 && most < 0.4, "{across} {most}");
+        let [length, width] = pair.package_mm;
+        for said in [
+            format!("{carries:.1} mm under the skin, {along:.1} mm between two rows"),
+            format!("{across:.1} mm between two pairs of a row"),
+            format!("{most:.1} mm at most"),
+            format!("{:.2} mm beside a package", CLEARANCE_MM / 2.0),
+            format!("{:.2} mm high", pair.height_mm + CLEARANCE_MM),
+            format!("pads end {:.1} mm beyond", pair.toe_mm),
+            format!("{length} mm × {width} mm × {} mm", pair.height_mm),
+            format!("{:.1} mm are left", pair.separation_mm - width),
+        ] {
+            assert!(page.contains(&said), "{said}");
+        }
         // The skin covers all windows and a rim, inside the screws.
         let windows = 3.0 * pitch + REFERENCE.skin.facet_mm;
         assert!(SKIN_MM >= windows + 6.0 && SCREW_MM[0] - SCREW_MM[1] / 2.0 > SKIN_MM / 2.0);

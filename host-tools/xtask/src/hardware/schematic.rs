@@ -2,6 +2,7 @@
 
 pub mod board;
 mod chips;
+pub mod footprint;
 mod library;
 #[cfg(test)]
 mod netlist;

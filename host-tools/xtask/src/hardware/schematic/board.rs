@@ -4,6 +4,7 @@ use scan_plan::finger::REFERENCE;
 use scan_plan::pins::Pin;
 use taxel::scan::{COLS, ROWS};
 
+use super::footprint;
 use super::sheet::{Part, Placed, Point, Sheet};
 
 /// Name of the net on a pin: its role, or its function where the chip gives it.
@@ -22,6 +23,9 @@ pub fn port(pin: &Pin) -> String {
 const R0402: &str = "Resistor_SMD:R_0402_1005Metric";
 const C0402: &str = "Capacitor_SMD:C_0402_1005Metric";
 const C0603: &str = "Capacitor_SMD:C_0603_1608Metric";
+/// Socket of a force sensor's cable: supply, ground and four midpoints.
+const SENSOR_SOCKET: &str = "BM06B-SRSS-TB";
+const JST_SH: &str = "Connector_JST:JST_SH_BM06B-SRSS-TB_1x06-1MP_P1.00mm_Vertical";
 
 /// Board that is being drawn, with the numbers of its parts.
 pub(super) struct Board {
@@ -106,9 +110,9 @@ impl Board {
             let resistor = self.resistor(&format!("{} 1 %", ohms(pair.led_ohm)), (at, y + 9), 0);
             self.sheet.supply("VDDA", resistor.pin("1"));
             let reference = format!("D{}", row * COLS + column + 1);
-            let led = self.part("LED", &reference, pair.led, "", (at, y + 17));
-            self.sheet.wire(&[resistor.pin("2"), led.pin("1")]);
-            self.sheet.wire(&[led.pin("2"), (at, bus)]);
+            let led = self.part("LED", &reference, pair.led, footprint::NAME, (at, y + 17));
+            self.sheet.wire(&[resistor.pin("2"), led.pin("2")]);
+            self.sheet.wire(&[led.pin("1"), (at, bus)]);
             ends.push((at, bus));
         }
         let reference = format!("Q{}", row + 1);
@@ -147,7 +151,7 @@ impl Board {
                 "Phototransistor",
                 &reference,
                 REFERENCE.pair.phototransistor,
-                "",
+                footprint::NAME,
                 (at, bus + 7),
             );
             self.sheet.wire(&[receiver.pin("1"), (at, bus)]);
@@ -195,9 +199,9 @@ impl Board {
     fn reference(&mut self, (x, y): Point) {
         let parts = REFERENCE.column;
         self.sheet.block("Columns' reference and supply", (x - 4, y - 4), (76, 38));
-        let high = ohms(10_000.0 * (1.0 / parts.reference_ratio - 1.0));
+        let [high, low] = parts.divider_ohm.map(|ohm| format!("{} 0.1 %", ohms(ohm)));
         let top = self.resistor(&high, (x + 6, y + 10), 0);
-        let bottom = self.resistor("10 kΩ 0.1 %", (x + 6, y + 20), 0);
+        let bottom = self.resistor(&low, (x + 6, y + 20), 0);
         let filter = self.capacitor("100 nF X7R", (x + 20, y + 20), 0);
         let node = (x + 6, y + 15);
         self.sheet.supply("VDDA", top.pin("1"));
@@ -262,7 +266,7 @@ impl Board {
         for sensor in 0..4 {
             let reference = format!("J{}", sensor + 1);
             let at = (x + 20, y + 12 + 20 * sensor);
-            let part = self.part("ForceSensor", &reference, "two Wheatstone bridges", "", at);
+            let part = self.part("ForceSensor", &reference, SENSOR_SOCKET, JST_SH, at);
             let (high, low) = (part.pin("1"), part.pin("2"));
             self.sheet.wire(&[high, (high.0 - 6, high.1), (high.0 - 6, high.1 - 2)]);
             self.sheet.supply("VDDA", (high.0 - 6, high.1 - 2));
@@ -280,7 +284,7 @@ impl Board {
             let at = (x + 30, y + 18 + 42 * chip as i32);
             let reference = format!("U{}", 3 + chip);
             let footprint = "Package_SO:TSSOP-16_4.4x5mm_P0.65mm";
-            let part = self.part("74HC4052", &reference, "74HC4052", footprint, at);
+            let part = self.part("74HC4052", &reference, "74HC4052PW", footprint, at);
             let inputs = [["12", "14", "15", "11"], ["1", "5", "2", "4"]];
             for ((numbers, letter), common) in inputs.into_iter().zip(letters).zip(["13", "3"]) {
                 for (sensor, number) in numbers.into_iter().enumerate() {

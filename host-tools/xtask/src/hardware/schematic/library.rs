@@ -176,7 +176,13 @@ pub fn symbols() -> Vec<Symbol> {
                 &[(0, -2), (0, -3)],
             ],
         ),
-        Symbol { ..two_pole("LED", "D", ["A", "K"], &[led, &[&[(0, -1), (0, -3)]]].concat()) },
+        // Numbered as the pads of KiCad's LEDs are.
+        simple(
+            "LED",
+            "D",
+            vec![pin("2", "A", PASSIVE, (0, 3), 270), pin("1", "K", PASSIVE, (0, -3), 90)],
+            &[led, &[&[(0, -1), (0, -3)]]].concat(),
+        ),
         two_pole("Button", "SW", ["~", "~"], &[&[(0, 3), (0, 1), (2, -1)], &[(0, -1), (0, -3)]]),
         simple("Phototransistor", "Q", vec![collector("1"), emitter("2")], &transistor(true)),
         simple(

@@ -79,6 +79,8 @@ pub(super) type PartPin = (String, String);
 pub(super) struct Netlist {
     /// Value of each part, its units taken together.
     pub(super) values: BTreeMap<String, String>,
+    /// Footprint of each part.
+    pub(super) footprints: BTreeMap<String, String>,
     /// Pins of each net; a net without a label has the name of a place.
     pub(super) nets: BTreeMap<String, BTreeSet<PartPin>>,
     /// Names of pins on their symbols.
@@ -96,6 +98,7 @@ impl Netlist {
             sheet.one("lib_symbols").all("symbol").map(|s| (s.list()[1].word(), s)).collect();
         let mut netlist = Self {
             values: BTreeMap::new(),
+            footprints: BTreeMap::new(),
             nets: BTreeMap::new(),
             names: BTreeMap::new(),
             kinds: BTreeMap::new(),
@@ -144,7 +147,8 @@ impl Netlist {
                 pins.push((place, key));
             }
             if kind.all("power").next().is_none() {
-                netlist.values.insert(reference, value);
+                netlist.values.insert(reference.clone(), value);
+                netlist.footprints.insert(reference, of("Footprint"));
             }
         }
         netlist.join(&wires, &labels, &pins);

@@ -203,13 +203,8 @@ impl Board {
         self.sheet.supply("GND", reset.pin("2"));
 
         let (x, y) = (x + 2, y + 26);
-        let button = self.part(
-            "Button",
-            "SW1",
-            "BOOT0 button",
-            "Button_Switch_SMD:SW_SPST_B3U-1000P",
-            (x, y),
-        );
+        let button =
+            self.part("Button", "SW1", "B3U-1000P", "Button_Switch_SMD:SW_SPST_B3U-1000P", (x, y));
         let down = self.resistor("10 kΩ", (x, y + 12), 0);
         let node = (x, y + 6);
         self.sheet.supply("VDD", button.pin("1"));
@@ -219,10 +214,10 @@ impl Board {
         self.sheet.label("BOOT0", (x + 8, node.1), 0);
         self.sheet.supply("GND", down.pin("2"));
         let line = self.resistor("1 kΩ", (x + 34, y + 2), 0);
-        let light =
-            self.part("LED", "D17", "status LED", "LED_SMD:LED_0603_1608Metric", (x + 34, y + 12));
-        self.sheet.wire(&[line.pin("2"), light.pin("1")]);
-        self.sheet.supply("GND", light.pin("2"));
+        let footprint = "LED_SMD:LED_0603_1608Metric";
+        let light = self.part("LED", "D17", "LTST-C191KGKT", footprint, (x + 34, y + 12));
+        self.sheet.wire(&[line.pin("2"), light.pin("2")]);
+        self.sheet.supply("GND", light.pin("1"));
         let end = (x + 34, y - 3);
         self.sheet.wire(&[line.pin("1"), end]);
         self.sheet.label("STATUS_LED", end, 0);

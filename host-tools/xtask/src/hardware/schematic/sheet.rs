@@ -45,7 +45,7 @@ pub struct Part<'a> {
     pub reference: &'a str,
     /// Value or order name.
     pub value: &'a str,
-    /// Footprint in KiCad's own libraries; empty where none is chosen.
+    /// Footprint in KiCad's own libraries or the project's; a supply has none.
     pub footprint: &'a str,
 }
 

@@ -63,16 +63,9 @@ fn columns_and_rows_are_the_reference_fingers() {
             assert_eq!(netlist.across(&format!("{} 1 %", ohms(pair.led_ohm)), anode), ["VDDA"]);
         }
     }
-    // The reference's share of VDDA.
-    let [high] = netlist.nets["COLUMN_REFERENCE"]
-        .iter()
-        .filter(|(part, _)| part.starts_with('R') && netlist.values[part] != "10 kΩ 0.1 %")
-        .map(|(part, _)| netlist.values[part].trim_end_matches(" kΩ").parse::<f64>().unwrap())
-        .collect::<Vec<_>>()[..]
-    else {
-        panic!("one resistor to VDDA")
-    };
-    assert!((10.0 / (10.0 + high) - column.reference_ratio).abs() < 1e-9);
+    for (ohm, supply) in column.divider_ohm.into_iter().zip(["VDDA", "GND"]) {
+        assert_eq!(netlist.across(&format!("{} 0.1 %", ohms(ohm)), "COLUMN_REFERENCE"), [supply]);
+    }
 }
 
 #[test]
@@ -80,7 +73,7 @@ fn multiplexers_carry_each_sensor_to_its_pins() {
     let netlist = Netlist::committed();
     // Inputs 0 to 3 and the common pin of both halves, of the two chips in turn (74HC4052).
     let halves = [(["12", "14", "15", "11"], "13"), (["1", "5", "2", "4"], "3")];
-    let chips: Vec<_> = netlist.values.iter().filter(|(_, value)| *value == "74HC4052").collect();
+    let chips: Vec<_> = netlist.values.iter().filter(|(_, value)| *value == "74HC4052PW").collect();
     assert_eq!(chips.len(), 2);
     for ((chip, _), letters) in chips.into_iter().zip([["A", "B"], ["C", "D"]]) {
         assert_eq!(
@@ -117,15 +110,12 @@ fn parts_are_those_of_the_bill_of_materials() {
             .map(|part| part.split_once(')').map_or(part, |(_, rest)| rest))
             .collect::<String>();
         let passive = text.split([',', ';']).filter_map(value).collect::<Vec<_>>();
-        if cells[0].starts_with("force sensor") || counts.is_empty() {
+        if cells[0].starts_with("force sensor,") || counts.is_empty() {
             continue;
         }
-        if passive.is_empty() || cells[0].contains("LED,") || cells[1].starts_with("any") {
-            let name = match cells[1].split([' ', ',']).next().unwrap() {
-                "any" => cells[0].to_owned(),
-                name => name.to_owned(),
-            };
-            *billed.entry(name).or_default() += counts[0];
+        let name = cells[1].split([' ', ',']).next().unwrap();
+        if value(cells[0]).is_none() && name.parse::<f64>().is_err() {
+            *billed.entry(name.to_owned()).or_default() += counts[0];
         }
         for (i, value) in passive.into_iter().enumerate() {
             *billed.entry(value).or_default() += counts.get(i).copied().unwrap_or(counts[0]);
@@ -134,8 +124,8 @@ fn parts_are_those_of_the_bill_of_materials() {
     let mut drawn: BTreeMap<String, u32> = BTreeMap::new();
     let netlist = Netlist::committed();
     for (reference, text) in &netlist.values {
-        // Force sensors and the probe's pads are no parts of the board.
-        if text != "two Wheatstone bridges" && text != "TC2030-NL" {
+        // The probe's pads are no part.
+        if text != "TC2030-NL" {
             let name =
                 if reference.starts_with(['R', 'C']) { value(text).unwrap() } else { text.clone() };
             *drawn.entry(name).or_default() += 1;
@@ -143,6 +133,59 @@ fn parts_are_those_of_the_bill_of_materials() {
     }
     assert_eq!(drawn, billed);
     assert!(drawn.values().sum::<u32>() > 100);
+}
+
+/// Whether a number is a value of E96, or of E24, in which capacitors are sold too.
+fn is_in_a_series(number: f64) -> bool {
+    const E24: [u32; 24] = [
+        10, 11, 12, 13, 15, 16, 18, 20, 22, 24, 27, 30, 33, 36, 39, 43, 47, 51, 56, 62, 68, 75, 82,
+        91,
+    ];
+    let digits = (number / 10f64.powf(number.log10().floor()) * 1e6).round() as u32;
+    let e96 = |i: i32| (10f64.powf(f64::from(i) / 96.0) * 100.0).round() as u32;
+    E24.iter().any(|two| two * 100_000 == digits) || (0..96).any(|i| e96(i) * 10_000 == digits)
+}
+
+#[test]
+fn each_part_has_footprint_and_order_number() {
+    let netlist = Netlist::committed();
+    let folder = root().join("boards/stm32g431/hardware");
+    for (reference, text) in &netlist.values {
+        let footprint = &netlist.footprints[reference];
+        let (library, name) = footprint.split_once(':').unwrap_or_default();
+        let own = folder.join(format!("{library}.pretty/{name}.kicad_mod"));
+        assert!(
+            !name.is_empty() && (library != "taxel" || own.exists()),
+            "{reference} {footprint}"
+        );
+        if !reference.starts_with(['R', 'C']) {
+            // An order name is one word with a digit.
+            let named = text.contains(|c: char| c.is_ascii_digit()) && !text.contains(' ');
+            assert!(named, "{reference}: {text}");
+            continue;
+        }
+        let number = value(text).unwrap().split(' ').next().unwrap().parse().unwrap();
+        assert!(is_in_a_series(number), "{reference}: {text} is not sold");
+    }
+    assert!(!is_in_a_series(70.0) && is_in_a_series(69.8) && is_in_a_series(91.0));
+}
+
+#[test]
+fn pads_of_neighbouring_rows_stay_apart() {
+    let pair = REFERENCE.pair;
+    let pitch = f64::from(taxel::scan::PITCH.0);
+    // Between rows in a package's length; between pairs in its width. 0.15 mm is what is made.
+    assert!(pitch - pair.pads_mm() >= 0.15, "{}", pair.pads_mm());
+    assert!(pitch - pair.separation_mm - pair.package_mm[1] >= 0.15);
+    let text = super::footprint::file();
+    let file = parse(&text);
+    let pads: Vec<[f64; 2]> = file
+        .all("pad")
+        .map(|pad| [pad.one("at").number(1), pad.one("size").number(1) / 2.0])
+        .collect();
+    let span = pads.iter().map(|[at, half]| at.abs() + half).fold(0.0, f64::max) * 2.0;
+    assert!(pads.len() == 2 && (span - pair.pads_mm()).abs() < 1e-9, "{text}");
+    assert!(pads.iter().all(|[at, half]| at.abs() - half > 0.25), "{text}");
 }
 
 /// Value of a resistor or capacitor at the begin of a text or of its last words, such as `10 kΩ`.
@@ -224,7 +267,8 @@ fn kicads_rule_check_and_netlist_agree() {
 
 #[test]
 fn reader_finds_nets_shorts_and_open_pins() {
-    let two = "(symbol (lib_id \"r\") (at 0 0 90) (unit 1) (property \"Reference\" \"R1\") (property \"Value\" \"1 Ω\"))";
+    let two = "(symbol (lib_id \"r\") (at 0 0 90) (unit 1) (property \"Reference\" \"R1\") (property \"Value\" \"1 Ω\") \
+               (property \"Footprint\" \"\"))";
     let sheet = |rest: &str| {
         format!(
             "(kicad_sch (lib_symbols (symbol \"r\" (symbol \"r_1_1\" (pin passive line (at 0 1 0) (name \"~\") (number \"1\")) \
