@@ -19,19 +19,19 @@ use embassy_stm32::pac::{Interrupt, OPAMP2, OPAMP3, RCC, TIM1, interrupt};
 use embassy_stm32::pac::{adc, adccommon, bdma, dmamux, gpio, opamp, timer};
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use scan_plan::finger::REFERENCE;
 use scan_plan::g431::{
     BRIDGE_INPUTS, BRIDGE_READINGS, COLUMN_READINGS, Channel, Last, Plan, Timer, plan,
 };
 use scan_plan::pins::{self, G431_ROWS, G431_SELECT};
-use scan_plan::{STEPS, pattern, settle};
+use scan_plan::{STEPS, pattern};
 use taxel::scan::{Codes, Midpoints, ScanSettings, TaxelCodes};
 use taxel::units::{Code, FullScale};
 use taxel::wire::message::Refusal;
 use taxel_board::scanner::Frames;
 
 /// Settings after start-up.
-pub const DEFAULT: ScanSettings =
-    ScanSettings { scan_hz: 4000, oversampling: 8, settle_ns: settle::DEFAULT_NS };
+pub const DEFAULT: ScanSettings = REFERENCE.converter.settings();
 
 /// Plan of the default settings, checked at compile time.
 const PLAN: Plan = match plan(DEFAULT) {

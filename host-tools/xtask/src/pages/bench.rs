@@ -1,6 +1,9 @@
 //! Bench protocol of half a day, from the lists of the boards' pages.
 
 use anyhow::{Context, Result, ensure};
+use scan_plan::finger::REFERENCE;
+use scan_plan::{f411, g431};
+use taxel::scan::ScanSettings;
 
 use super::reference::{CELL, FIGURES, LABELS};
 use super::tables::{Csv, cell, read};
@@ -134,6 +137,20 @@ fn table(steps: &[Step], check: impl Fn(&str) -> String) -> String {
     out + &format!("\nAt the bench: {all} minutes.\n")
 }
 
+/// Full scales of the product and of the STM32F411 in their default scans.
+fn full_scales() -> Result<[u16; 2]> {
+    let settings = REFERENCE.converter.settings();
+    let single = ScanSettings { oversampling: 1, ..settings };
+    let refused = |refusal| anyhow::anyhow!("default scan: {refusal:?}");
+    let product = g431::plan(settings).map_err(refused)?.full_scale;
+    Ok([product, f411::plan(single).map_err(refused)?.full_scale])
+}
+
+/// Code with a space before its thousands, if it has five digits.
+fn spaced(code: u16) -> String {
+    if code < 10_000 { code.to_string() } else { format!("{} {:03}", code / 1000, code % 1000) }
+}
+
 /// Steps of the finger on a board, with what the reference finger does in simulation.
 fn finger() -> Result<Vec<Step>> {
     let (figures, labels) = (Csv::read(FIGURES)?, Csv::read(LABELS)?);
@@ -154,6 +171,11 @@ fn finger() -> Result<Vec<Step>> {
     let room = "room light left after the dark step is subtracted";
     let room = cell(front, "What the circuit simulation says", room, 2)?;
     let place = error("both", "point middle / mm")?;
+    let [product, f411] = full_scales()?.map(spaced);
+    let at_rest = format!(
+        "`taxel record --fields codes --duration 10 --out rest.csv`; each `lit_…` less its `dark_…`, × 4096 / the full \
+         scale of `taxel info` ({product} with the default scan, {f411} on the STM32F411)"
+    );
     let steps = [
         (
             2,
@@ -161,12 +183,7 @@ fn finger() -> Result<Vec<Step>> {
             "`taxel self-test`, nothing touching, in the dark",
             "exit code 0, no channel named".to_owned(),
         ),
-        (
-            5,
-            "light at rest",
-            "`taxel record --fields codes --duration 10 --out rest.csv`; each `lit_…` less its `dark_…`, × 4096 / 65536",
-            format!("{rest}, within a half of it"),
-        ),
+        (5, "light at rest", &at_rest, format!("{rest}, within a half of it")),
         (
             5,
             "room light",
@@ -277,6 +294,31 @@ mod tests {
             let attended: u32 = steps(board).unwrap().iter().map(|step| step.minutes).sum();
             assert!(attended + finger <= HALF_A_DAY, "{board}: {attended} + {finger} minutes");
         }
+    }
+
+    #[test]
+    fn light_at_rest_is_read_on_the_boards_scale() {
+        let [product, single] = full_scales().unwrap();
+        assert_eq!([product, single], [8 * 4095, 4095]);
+        let step = &finger().unwrap()[1];
+        assert!(step.bench.contains("× 4096 / the full scale"), "{}", step.bench);
+        for full in [product, single] {
+            assert!(step.bench.contains(&spaced(full)), "{}", step.bench);
+        }
+        let light = REFERENCE.share(REFERENCE.pair.rest_a()) - REFERENCE.share(0.0);
+        assert!(
+            step.expected.starts_with(&format!("{:.0}, ", 4096.0 * light)),
+            "{}",
+            step.expected
+        );
+        // Builders read it on their page, too.
+        let page = read("docs/build-a-finger.md").unwrap();
+        let page = page.split_whitespace().collect::<Vec<_>>().join(" ");
+        let code = REFERENCE.share(REFERENCE.pair.rest_a()) * f64::from(product);
+        let code = 10 * (code / 10.0).round() as u16;
+        let full = spaced(product);
+        assert!(page.contains(&format!("{} of {full}", spaced(code))), "{code}");
+        assert!(page.contains(&format!("full scale: {full} with the default scan")));
     }
 
     #[test]
