@@ -6,6 +6,7 @@
 use std::path::Path;
 
 use scan_plan::finger::REFERENCE;
+use scan_plan::g431;
 use taxel_files::trace::Sample;
 use taxel_sim::electronics::LightNoise;
 use taxel_sim::scene::{Changes, REAL};
@@ -78,6 +79,7 @@ fn rows() -> Vec<String> {
     let reading = finger.share(rest_a);
     let samples = f64::from(converter.oversampling);
     let converted = (converter.noise_steps.powi(2) + 1.0 / 12.0) / samples;
+    let top = f64::from(g431::plan(converter.settings()).unwrap().full_scale);
     let noise = (LightNoise::of(&scene).of_reading(reading) * steps * steps + converted).sqrt();
     let row = |what: &str, from: String, value: String| format!("| {what} | {from} | {value} |");
     vec![
@@ -100,6 +102,11 @@ fn rows() -> Vec<String> {
             "steps of 12 bits",
             format!("× {steps} / {} V", converter.range_v),
             format!("{calculated:.0}"),
+        ),
+        row(
+            "codes of the product",
+            format!("{samples} samples: × {top} / {steps}"),
+            format!("{:.0}", volts / converter.range_v * top),
         ),
         row(
             "a micrometre of the facet",
