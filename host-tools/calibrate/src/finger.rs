@@ -8,26 +8,22 @@
 mod bench;
 mod channels;
 mod choice;
+mod matrix;
 mod net;
+mod sensors;
 
-use std::collections::HashSet;
 use std::sync::atomic::AtomicBool;
 
 use taxel::calibration::Calibration;
 use taxel::condition::DriftCompensation;
-use taxel::estimate::quantised::Net;
-use taxel::estimate::slip::Slip;
 use taxel::scan::SENSORS;
 
-use crate::array;
 use crate::lag;
-use crate::limit_surface;
+use crate::prepared::Prepared;
 pub use crate::prepared::Subject;
-use crate::prepared::{self, Loads, Prepared};
-use crate::quantise::{self, Form};
+use crate::quantise::Form;
 use crate::recording::Recording;
 use crate::shear;
-use crate::skin::{self, Skin};
 use crate::warmth;
 pub use channels::Channel;
 use taxel_regress::error::FitError;
@@ -35,12 +31,8 @@ use taxel_regress::model::Family;
 use taxel_regress::network::{NetOptions, Progress};
 use taxel_regress::training::Chosen;
 
-/// Default friction coefficient of rubber.
-const USUAL_FRICTION: f32 = 0.6;
 /// Largest common share of the light that is taken for a drift: 10 K of LEDs.
 const MOST_DRIFT: f32 = 0.05;
-/// Exponent of Hertz's pressure in the power law of [Ospina2017].
-const HERTZ: f64 = 2.0;
 
 /// Options of the fit of a finger.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -206,10 +198,10 @@ pub fn fit_keeping(
     };
     stage("force sensors");
     for sensor in 0..SENSORS {
-        fit_sensor(&mut fitted, sensor, &by_sensors, &subjects)?;
+        sensors::fit(&mut fitted, sensor, &by_sensors, &subjects)?;
     }
     let own = fitted.calibration.sensors.clone();
-    let mut reasons = fit_array(&mut fitted, &by_sensors, &subjects, options.net_only);
+    let mut reasons = sensors::array(&mut fitted, &by_sensors, &subjects, options.net_only);
     drop(by_sensors);
     let by_taxels = lag::followed(&recordings, late.taxels);
     if !fitted.parts.is_empty() && fitted.calibration.validate().is_ok() {
@@ -231,8 +223,8 @@ pub fn fit_keeping(
         let skin = if options.net_only && options.family != Family::Auto {
             None
         } else {
-            let noise = noise_of_reference(&mut fitted, &fingers, options.reference_noise);
-            model_of_the_skin(&fingers, (&loads.wrong, noise), progress, stop)?
+            let noise = matrix::noise_of_reference(&mut fitted, &fingers, options.reference_noise);
+            matrix::skin(&fingers, (&loads.wrong, noise), progress, stop)?
         };
         // Beside the model of the skin or the array the usual net suffices.
         let better = fitted.calibration.array.is_some() || skin.is_some();
@@ -247,7 +239,7 @@ pub fn fit_keeping(
             fit => fit?,
         }
         if let Some(skin) = skin.filter(|_| !options.net_only) {
-            keep_skin(&mut fitted, skin);
+            matrix::keep_skin(&mut fitted, skin);
         }
     }
     if fitted.calibration.array.is_some()
@@ -266,49 +258,13 @@ pub fn fit_keeping(
         }
     }
     if options.form == Form::Q15 {
-        quantised(&mut fitted, &fingers, options.net_only)?;
+        matrix::quantised(&mut fitted, &fingers, options.net_only)?;
     }
     let read = recordings.iter().map(|prepared| &*prepared.recording);
     fitted.warnings.extend(shear::of_finger(&fitted.calibration, read));
     fitted.calibration.validate().map_err(FitError::Record)?;
     fitted.channels = channels::channels(&fitted, all, &reasons);
     Ok(fitted)
-}
-
-/// Fits S of a sensor to the recordings with a known force on it.
-///
-/// A sensor that recordings of the finger do not determine is left out with a warning.
-fn fit_sensor(
-    fitted: &mut Fitted,
-    sensor: usize,
-    recordings: &[Prepared<'_>],
-    subjects: &[Subject],
-) -> Result<(), FitError> {
-    let (mut own, mut unfit) = (Vec::new(), Vec::new());
-    for (recording, subject) in recordings.iter().zip(subjects) {
-        match (*subject, recording.loads(sensor)) {
-            (Subject::Sensor(of), _) if of == sensor => own.push((recording, true)),
-            (Subject::Finger, Loads::Known) => own.push((recording, false)),
-            (Subject::Finger, Loads::Unfit(why)) => unfit.push(why),
-            // A bench recording does not load the other sensors.
-            _ => {}
-        }
-    }
-    let not_fitted = |why: &str| format!("s{sensor}: its matrix S was not fitted: {why}");
-    if own.is_empty() {
-        if !unfit.is_empty() {
-            fitted.warnings.push(not_fitted(&unfit.join("; ")));
-        }
-        return Ok(());
-    }
-    let bench = own.iter().any(|(_, bench)| *bench);
-    match bench::fit(fitted, sensor, &own) {
-        Err(why) if !bench => {
-            fitted.warnings.push(not_fitted(&why.to_string()));
-            Ok(())
-        }
-        fit => fit,
-    }
 }
 
 fn warn_of_stuck(fitted: &mut Fitted, prepared: &Prepared<'_>, columns: &[String]) {
@@ -324,173 +280,8 @@ fn warn_of_stuck(fitted: &mut Fitted, prepared: &Prepared<'_>, columns: &[String
     }
 }
 
-/// Noise of each component of the reference: the largest at rest in any recording, or that given.
-///
-/// A given one below that at rest is not taken: it would ruin the model of the skin.
-fn noise_of_reference(
-    fitted: &mut Fitted,
-    recordings: &[&Prepared<'_>],
-    given: Option<f64>,
-) -> [f64; 3] {
-    let found = prepared::reference_noise(recordings);
-    let [least, most] = [f64::min, f64::max].map(|of| found.into_iter().fold(found[0], of));
-    let Some(given) = given else { return found };
-    if given < 0.5 * least {
-        fitted.warnings.push(format!(
-            "the reference's noise was given as {:.1} mN and is up to {:.1} mN where nothing is touched, which was \
-             taken; leave --reference-noise out",
-            1e3 * given,
-            1e3 * most
-        ));
-    }
-    found.map(|found| found.max(given))
-}
-
 /// Returns all three components, if all are known.
 fn known(force: [Option<f64>; 3]) -> Option<[f64; 3]> {
     let [x, y, z] = force;
     Some([x?, y?, z?])
-}
-
-/// Fits the skin model, if the recordings contain forces.
-fn model_of_the_skin(
-    recordings: &[&Prepared<'_>],
-    (wrong, force_noise): (&[HashSet<usize>], [f64; 3]),
-    progress: &mut dyn FnMut(Progress),
-    stop: &AtomicBool,
-) -> Result<Option<Skin>, FitError> {
-    let Some(bias) = recordings.first().and_then(|first| first.bias.taxels) else {
-        return Ok(None);
-    };
-    match skin::fit(recordings, (wrong, bias.noise), force_noise, progress, stop) {
-        // With too few rows or too little time for a skin model, keep the net alone.
-        Err(FitError::TooFewRows { .. } | FitError::Stopped) => Ok(None),
-        skin => skin,
-    }
-}
-
-/// Keeps the skin model in the record if it is better than the net.
-fn keep_skin(fitted: &mut Fitted, skin: Skin) {
-    let Some(taxels) = &fitted.calibration.taxels else { return };
-    let Skin { model, rows, left_out, residual, place, held_out } = skin;
-    let components = fitted.calibration.net.as_ref().map_or(1, Net::outputs).min(3);
-    let net = taxels.residual[..components].iter().map(|e| f64::from(*e)).collect();
-    let from = 3 - components;
-    let judged = choice::Judged { skin: residual[from..].to_vec(), net, place };
-    fitted.choices.extend(judged.told());
-    if !judged.keeps_skin() {
-        if place.is_some() {
-            fitted.warnings.push(
-                "the model of the skin meets neither force nor contact point of presses left out better than net and \
-                 centroid, and is left out"
-                    .into(),
-            );
-        }
-        return;
-    }
-    fitted.calibration.slip = Some(slip(model.shear.then_some(model.friction)));
-    fitted.calibration.model = Some(model);
-    fitted.parts.push(Part {
-        name: "model of the skin".into(),
-        rows: rows.len(),
-        left_out,
-        condition: None,
-        chosen: None,
-        effective: None,
-        residual: judged.skin,
-        held_out,
-    });
-}
-
-/// Fits the array of all force sensors that respond to the finger's loads.
-///
-/// Returns the reason for each sensor that is left out.
-fn fit_array(
-    fitted: &mut Fitted,
-    recordings: &[Prepared<'_>],
-    subjects: &[Subject],
-    net_only: bool,
-) -> channels::Reasons {
-    let fingers: Vec<&Prepared<'_>> = recordings
-        .iter()
-        .zip(subjects)
-        .filter(|(recording, subject)| {
-            let known = |s: &taxel_files::trace::Sample| known(s.truth.force).is_some();
-            **subject == Subject::Finger && recording.recording.samples.iter().any(known)
-        })
-        .map(|(recording, _)| recording)
-        .collect();
-    let mut reasons: channels::Reasons = std::array::from_fn(|i| {
-        let why = if net_only {
-            "--net-only was given"
-        } else if fingers.is_empty() {
-            "no recording of the finger has all of fx_n, fy_n, fz_n"
-        } else if fingers.iter().any(|r| r.bias.bridges[i].is_none()) {
-            "a recording of the finger lacks its channels"
-        } else if !fingers.iter().any(|r| r.responds(i)) {
-            "it does not respond to the loads: look at its connection"
-        } else {
-            return None;
-        };
-        Some(why.to_owned())
-    });
-    let live = reasons.each_ref().map(Option::is_none);
-    if !live.contains(&true) {
-        return reasons;
-    }
-    let Some(array) = array::fit(&fingers, live, &fitted.calibration.sensors) else {
-        let few = "too few loaded rows with sound bridges";
-        reasons.iter_mut().for_each(|reason| {
-            reason.get_or_insert_with(|| few.to_owned());
-        });
-        return reasons;
-    };
-    fitted.warnings.extend(array.turned);
-    fitted.parts.push(Part {
-        name: array.name,
-        rows: array.rows,
-        left_out: 0,
-        condition: None,
-        chosen: None,
-        effective: None,
-        residual: array.held_out.map(f64::from).to_vec(),
-        held_out: true,
-    });
-    for (sensor, of_total) in fitted.calibration.sensors.iter_mut().zip(array.sensors) {
-        *sensor = sensor.take().or(of_total);
-    }
-    fitted.calibration.array = Some(array.array);
-    fitted.calibration.slip.get_or_insert_with(|| slip(None));
-    reasons
-}
-
-/// Replaces the net by its 16-bit form and its residual by that of the 16-bit form.
-fn quantised(
-    fitted: &mut Fitted,
-    recordings: &[&Prepared<'_>],
-    net_only: bool,
-) -> Result<(), FitError> {
-    let Some(taxels) = &mut fitted.calibration.taxels else { return Ok(()) };
-    let Some(float) = fitted.calibration.net.as_ref().and_then(Net::float) else { return Ok(()) };
-    let (net, rows) = quantise::net(float, taxels, recordings)?;
-    let outputs = float.output_bias.len();
-    fitted.parts.push(Part {
-        name: "the net in 16 bits".into(),
-        rows,
-        left_out: 0,
-        condition: None,
-        chosen: None,
-        effective: None,
-        residual: taxels.residual.iter().take(outputs).map(|r| f64::from(*r)).collect(),
-        held_out: !net_only,
-    });
-    fitted.calibration.net = Some(Net::Quantised(net));
-    Ok(())
-}
-
-/// Limit surface of a contact: Hertz's pressure swept over the centres of rotation.
-fn slip(friction: Option<f32>) -> Slip {
-    let usual = Slip::usual(friction.unwrap_or(USUAL_FRICTION));
-    let [c, gamma] = usual.surface.radius.map(f64::from);
-    Slip { surface: limit_surface::power_law(HERTZ, c, gamma), ..usual }
 }
