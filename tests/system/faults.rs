@@ -226,21 +226,26 @@ fn ratiometric_dip_and_swaps_stay_undetected() {
     assert!((reference(500) - 0.5).abs() < 1e-3 && (reference(1500) - 0.625).abs() < 1e-3);
 }
 
-#[test]
-fn slow_scans_of_a_sound_finger_have_no_faulty_channel() {
-    // The slower the scan, the further a touch moves until the next one.
-    let changes = Changes { reference: true, set: vec!["scan.rate_hz=250".into()] };
-    for (name, _) in built_in() {
-        let own = Scene::load(name).unwrap();
-        if own.faults().next().is_some() || own.device.kind != Kind::Taxel4x4 {
-            continue;
-        }
-        let scene = Scene::load_changed(name, &changes).unwrap();
-        let (finger, mut state) = Finger::new(None);
-        for (n, sample) in Simulator::new(&scene, 41).enumerate() {
-            let Estimate { signals, status, .. } = finger.estimate(&mut state, &sample.scan);
-            let Health { dead, bridge_faults, .. } = signals.health;
-            assert_eq!((dead, bridge_faults), (0, 0), "{name}: scan {n}: {status:?}");
+/// Tests of every built-in scene.
+mod endurance {
+    use super::*;
+
+    #[test]
+    fn slow_scans_of_a_sound_finger_have_no_faulty_channel() {
+        // The slower the scan, the further a touch moves until the next one.
+        let changes = Changes { reference: true, set: vec!["scan.rate_hz=250".into()] };
+        for (name, _) in built_in() {
+            let own = Scene::load(name).unwrap();
+            if own.faults().next().is_some() || own.device.kind != Kind::Taxel4x4 {
+                continue;
+            }
+            let scene = Scene::load_changed(name, &changes).unwrap();
+            let (finger, mut state) = Finger::new(None);
+            for (n, sample) in Simulator::new(&scene, 41).enumerate() {
+                let Estimate { signals, status, .. } = finger.estimate(&mut state, &sample.scan);
+                let Health { dead, bridge_faults, .. } = signals.health;
+                assert_eq!((dead, bridge_faults), (0, 0), "{name}: scan {n}: {status:?}");
+            }
         }
     }
 }

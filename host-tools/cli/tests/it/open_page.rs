@@ -29,14 +29,19 @@ fn opened(folder: &Path, environment: &[(&str, &str)], headless: bool) -> Option
     Some(asked)
 }
 
-#[test]
-fn demo_opens_page_only_on_local_display() {
-    let folder = || tempfile::tempdir().unwrap();
-    let display = ("DISPLAY", ":0");
-    assert!(opened(folder().path(), &[display], false).is_some());
-    assert!(opened(folder().path(), &[("WAYLAND_DISPLAY", "wayland-0")], false).is_some());
-    assert_eq!(opened(folder().path(), &[display], true), None, "--headless");
-    assert_eq!(opened(folder().path(), &[], false), None, "no display");
-    let far = ("SSH_CONNECTION", "10.0.0.2 50000 10.0.0.1 22");
-    assert_eq!(opened(folder().path(), &[display, far], false), None, "over SSH");
+/// Demos of two seconds each.
+mod endurance {
+    use super::*;
+
+    #[test]
+    fn demo_opens_page_only_on_local_display() {
+        let folder = || tempfile::tempdir().unwrap();
+        let display = ("DISPLAY", ":0");
+        assert!(opened(folder().path(), &[display], false).is_some());
+        assert!(opened(folder().path(), &[("WAYLAND_DISPLAY", "wayland-0")], false).is_some());
+        assert_eq!(opened(folder().path(), &[display], true), None, "--headless");
+        assert_eq!(opened(folder().path(), &[], false), None, "no display");
+        let far = ("SSH_CONNECTION", "10.0.0.2 50000 10.0.0.1 22");
+        assert_eq!(opened(folder().path(), &[display, far], false), None, "over SSH");
+    }
 }
