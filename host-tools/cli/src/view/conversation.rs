@@ -1,7 +1,7 @@
 //! Stream of one open page: ticks to it, orders from it.
 
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade};
 use axum::extract::{Path, State};
@@ -84,7 +84,7 @@ async fn converse(mut socket: WebSocket, feed: &Feed) -> Result<(), axum::Error>
                     Err(text) => json!({ "failed": text }),
                 }
             }
-            _ = frames.tick() => feed.scope.lock().news(&mut seen),
+            _ = frames.tick() => feed.scope.lock().news(&mut seen, Instant::now()),
             _ = spectra.tick() => json!({ "spectrum": feed.scope.lock().spectrum() }),
             received = socket.recv(), if order.is_none() => match received {
                 None => return Ok(()),

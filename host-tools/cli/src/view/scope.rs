@@ -207,14 +207,14 @@ impl Scope {
         self.count += 1;
     }
 
-    /// Returns the changes since `seen`, and updates `seen`.
-    pub(crate) fn news(&mut self, seen: &mut Seen) -> Value {
-        let age = self.heard.map(|heard| heard.elapsed());
+    /// Returns the changes since `seen` as they are at the time `now`, and updates `seen`.
+    pub(crate) fn news(&mut self, seen: &mut Seen, now: Instant) -> Value {
+        let age = self.heard.map(|heard| now.saturating_duration_since(heard));
         if age.is_some_and(|age| age >= SETTLED) {
             self.close();
         }
         let recording = self.recording.as_ref().map(|recording| {
-            let seconds = recording.begun.elapsed().as_secs_f64();
+            let seconds = now.saturating_duration_since(recording.begun).as_secs_f64();
             let Recorded { name, rows, bytes, .. } = recording;
             json!({ "name": name, "seconds": seconds, "rows": rows, "bytes": bytes })
         });

@@ -11,7 +11,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread;
 use std::time::Duration;
 
-use crate::common::{In, Ran, SHORT_PRESSES, json};
+use crate::common::{In, Ran, SHORT_PRESSES, json, until};
 use taxel::calibration::Calibration;
 use taxel_cli::VirtualFinger;
 use taxel_cli::virtual_finger::Source;
@@ -49,10 +49,10 @@ fn interrupt(child: &Child) {
 
 /// Interrupts the child after this much processor time.
 fn interrupted_after(worked_for: Duration, mut child: Child) -> Ran {
-    while worked(&child) < worked_for {
+    until("the processor time", || {
         assert_eq!(child.try_wait().unwrap(), None, "it ended before Ctrl-C");
-        thread::sleep(Duration::from_millis(20));
-    }
+        worked(&child) >= worked_for
+    });
     interrupt(&child);
     Ran::of(child.wait_with_output().unwrap())
 }
@@ -267,60 +267,6 @@ impl<'f> Upload<'f> {
 }
 
 #[test]
-fn pulled_cable_in_upload_leaves_one_calibration() {
-    let directory = tempfile::tempdir().unwrap();
-    let upload = Upload::begin(directory.path());
-    let ([to_finger, to_host], chunk) = (upload.total, taxel::wire::message::CHUNK as u64);
-    // The step is below one message (a chunk and its frame), so that no chunk is skipped.
-    let length = to_finger - to_finger / 8;
-    let chunks = (100..length).step_by(chunk as usize).map(|bytes| [bytes, u64::MAX]);
-    // Near the answer that reports the new record as active; after a hello the record is read back.
-    let committed = to_host - upload.read_back;
-    let answers = (committed - 12..committed + 36).step_by(3).map(|bytes| [u64::MAX, bytes]);
-    let read_back = [[u64::MAX, to_host - 1], [to_finger - 1, u64::MAX]];
-    let mut said = BTreeMap::new();
-    for most in chunks.chain(answers).chain(read_back) {
-        // Within a second of an erasure of flash, Busy and its repetition would move the cut.
-        thread::sleep(Duration::from_millis(1_100));
-        let cable = cable(&upload.port(), most, Then::Pulled);
-        let ran = upload.run(&cable.port);
-        cable.carried.join().unwrap();
-        assert_eq!((ran.code, ran.out.as_str()), (Some(1), ""), "{most:?}: {}", ran.err);
-        assert_eq!(ran.err.lines().count(), 1, "{}", ran.err);
-        let found = upload.in_force();
-        assert!(found == upload.old || found == upload.new, "{most:?}");
-        let of = |is: &str, then: &str| ran.err.contains(is) && ran.err.contains(then);
-        let state = if of("the previous calibration stays active", "upload again") {
-            assert_eq!(found, upload.old, "{most:?}");
-            "old"
-        } else if of("the new calibration is active", "`taxel calibrate download`") {
-            assert_eq!(found, upload.new, "{most:?}");
-            "new"
-        } else {
-            assert!(
-                of("the previous or the new calibration is active", "`taxel info`"),
-                "{}",
-                ran.err
-            );
-            "either"
-        };
-        assert!(ran.err.starts_with("taxel: tcp:127.0.0.1:"), "{}", ran.err);
-        *said.entry(state).or_insert(0) += 1;
-        if found != upload.old {
-            upload.put_back();
-        }
-    }
-    eprintln!("{:?}: {said:?}", upload.total);
-    assert!(
-        said["old"] as u64 >= length / chunk - 1 && said["new"] >= 2 && said["either"] >= 1,
-        "{said:?}"
-    );
-    let ran = upload.run(&upload.port());
-    assert_eq!(ran.code, Some(0), "{}", ran.err);
-    assert_eq!(upload.in_force(), upload.new);
-}
-
-#[test]
 fn ctrl_c_in_transfer_leaves_calibrations_whole() {
     let directory = tempfile::tempdir().unwrap();
     let upload = Upload::begin(directory.path());
@@ -390,4 +336,63 @@ fn crash_while_writing_keeps_previous_file() {
     assert!(told.err.starts_with("taxel: cal.toml: File too large"), "{}", told.err);
     assert_eq!(std::fs::read_to_string(folder.0.join("cal.toml")).unwrap(), former);
     assert_eq!(std::fs::read_dir(folder.0).unwrap().count(), parts);
+}
+
+/// Tests with an erasure of flash a second.
+mod endurance {
+    use super::*;
+
+    #[test]
+    fn pulled_cable_in_upload_leaves_one_calibration() {
+        let directory = tempfile::tempdir().unwrap();
+        let upload = Upload::begin(directory.path());
+        let ([to_finger, to_host], chunk) = (upload.total, taxel::wire::message::CHUNK as u64);
+        // The step is below one message (a chunk and its frame), so that no chunk is skipped.
+        let length = to_finger - to_finger / 8;
+        let chunks = (100..length).step_by(chunk as usize).map(|bytes| [bytes, u64::MAX]);
+        // Near the answer that reports the new record as active; after a hello the record is read back.
+        let committed = to_host - upload.read_back;
+        let answers = (committed - 12..committed + 36).step_by(3).map(|bytes| [u64::MAX, bytes]);
+        let read_back = [[u64::MAX, to_host - 1], [to_finger - 1, u64::MAX]];
+        let mut said = BTreeMap::new();
+        for most in chunks.chain(answers).chain(read_back) {
+            // Within a second of an erasure of flash, Busy and its repetition would move the cut.
+            thread::sleep(Duration::from_millis(1_100));
+            let cable = cable(&upload.port(), most, Then::Pulled);
+            let ran = upload.run(&cable.port);
+            cable.carried.join().unwrap();
+            assert_eq!((ran.code, ran.out.as_str()), (Some(1), ""), "{most:?}: {}", ran.err);
+            assert_eq!(ran.err.lines().count(), 1, "{}", ran.err);
+            let found = upload.in_force();
+            assert!(found == upload.old || found == upload.new, "{most:?}");
+            let of = |is: &str, then: &str| ran.err.contains(is) && ran.err.contains(then);
+            let state = if of("the previous calibration stays active", "upload again") {
+                assert_eq!(found, upload.old, "{most:?}");
+                "old"
+            } else if of("the new calibration is active", "`taxel calibrate download`") {
+                assert_eq!(found, upload.new, "{most:?}");
+                "new"
+            } else {
+                assert!(
+                    of("the previous or the new calibration is active", "`taxel info`"),
+                    "{}",
+                    ran.err
+                );
+                "either"
+            };
+            assert!(ran.err.starts_with("taxel: tcp:127.0.0.1:"), "{}", ran.err);
+            *said.entry(state).or_insert(0) += 1;
+            if found != upload.old {
+                upload.put_back();
+            }
+        }
+        eprintln!("{:?}: {said:?}", upload.total);
+        assert!(
+            said["old"] as u64 >= length / chunk - 1 && said["new"] >= 2 && said["either"] >= 1,
+            "{said:?}"
+        );
+        let ran = upload.run(&upload.port());
+        assert_eq!(ran.code, Some(0), "{}", ran.err);
+        assert_eq!(upload.in_force(), upload.new);
+    }
 }

@@ -4,7 +4,7 @@ use std::io::Read;
 use std::path::Path;
 use std::process::Command;
 
-use crate::common::{In, Ran};
+use crate::common::{In, Ran, rows_so_far, until};
 use taxel_cli::VirtualFinger;
 use taxel_cli::virtual_finger::Source;
 
@@ -372,10 +372,10 @@ fn ctrl_c_ends_a_recording_cleanly() {
 /// Starts the command and waits until frames reach the disk.
 fn recording(mut command: Command, out: &Path) -> std::process::Child {
     let mut child = command.spawn().unwrap();
-    while !std::fs::read_to_string(out).is_ok_and(|text| text.lines().count() > 100) {
+    until("a hundred frames", || {
         assert_eq!(child.try_wait().unwrap(), None, "it ended before it recorded");
-        std::thread::sleep(std::time::Duration::from_millis(20));
-    }
+        rows_so_far(out) > 100
+    });
     child
 }
 

@@ -2,9 +2,11 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 use taxel::scan::{ROWS, SENSORS};
 use taxel::units::FullScale;
+use taxel_files::recording::Recording;
 use taxel_files::trace::{Sample, TraceHeader, TraceWriter};
 
 /// Result of a run: exit code, standard output, standard error.
@@ -65,6 +67,22 @@ pub fn read_terminal(mut master: std::fs::File) -> String {
         said.extend_from_slice(&bytes[..read]);
     }
     String::from_utf8(said).unwrap()
+}
+
+/// Waits for an event of another process, which tells nobody of it: looks every two milliseconds.
+///
+/// Fails after two minutes, which only a failing test reaches.
+pub fn until(what: &str, mut came: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !came() {
+        assert!(begun.elapsed() < Duration::from_secs(120), "never came: {what}");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// Counts the rows that a recording has so far.
+pub fn rows_so_far(path: &Path) -> usize {
+    Recording::open(path).map_or(0, |rows| rows.map_while(Result::ok).count())
 }
 
 /// Folder in which the command runs.

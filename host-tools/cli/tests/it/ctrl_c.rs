@@ -17,7 +17,7 @@ use nix::sys::signal::{Signal, kill};
 use nix::sys::stat::Mode;
 use nix::unistd::{Pid, mkfifo};
 
-use crate::common::In;
+use crate::common::{In, rows_so_far, until};
 use taxel_files::recording::{Recording, Scans};
 
 /// Longest time from Ctrl-C to the end of a command.
@@ -83,14 +83,12 @@ impl OnTerminal {
 
     /// Waits until the command has said something, or has run for a while.
     fn under_way(&mut self) -> Vec<u8> {
-        let deadline = Instant::now() + PATIENCE;
         let program = format!("/proc/{}/exe", self.child.id());
         let own = Path::new(env!("CARGO_BIN_EXE_taxel")).canonicalize().unwrap();
         // Until then it is `setsid`, whose terminal may not be its own yet.
-        while std::fs::read_link(&program).is_ok_and(|running| running != own) {
-            assert!(Instant::now() < deadline, "it does not start");
-            thread::sleep(Duration::from_millis(2));
-        }
+        until("the command", || {
+            std::fs::read_link(&program).map_or(true, |running| running == own)
+        });
         self.said.recv_timeout(UNDER_WAY).unwrap_or_default()
     }
 
@@ -98,17 +96,14 @@ impl OnTerminal {
     fn ctrl_c(mut self, mut said: Vec<u8>) -> (ExitStatus, Duration, String) {
         let pressed = Instant::now();
         self.keyboard.write_all(b"\x03").unwrap();
-        let status = loop {
-            if let Some(status) = self.child.try_wait().unwrap() {
-                break status;
-            }
+        until("the end", || {
             if pressed.elapsed() > PATIENCE {
                 self.child.kill().unwrap();
-                break self.child.wait().unwrap();
             }
-            thread::sleep(Duration::from_millis(2));
-        };
+            self.child.try_wait().unwrap().is_some()
+        });
         let took = pressed.elapsed();
+        let status = self.child.wait().unwrap();
         drop(self.keyboard);
         said.extend(self.said.iter().flatten());
         (status, took, String::from_utf8_lossy(&said).into_owned())
@@ -202,41 +197,6 @@ fn silent_serial() -> (PtyMaster, String) {
     (master, name)
 }
 
-#[test]
-fn wait_for_silent_finger_ends_within_a_second() {
-    let directory = tempfile::tempdir().unwrap();
-    let folder = directory.path();
-    std::fs::write(folder.join("cal.toml"), CALIBRATION).unwrap();
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let tcp = format!("tcp:{}", listener.local_addr().unwrap());
-    let (_master, serial) = silent_serial();
-    for port in [tcp.as_str(), serial.as_str()] {
-        for (line, end) in [
-            ("info --port PORT", End::Interrupted),
-            ("set --port PORT --rate 500", End::Interrupted),
-            ("bias --port PORT take", End::Interrupted),
-            ("self-test --port PORT", End::Interrupted),
-            ("dfu --port PORT", End::Interrupted),
-            ("record --port PORT --out frames.mcap", End::Interrupted),
-            ("view --port PORT --no-browser --listen 127.0.0.1:0", End::Finished),
-            ("calibrate download --port PORT --out own.toml", End::Interrupted),
-        ] {
-            interrupt(folder, &line.replace("PORT", port), end);
-        }
-        let upload = format!("calibrate upload --port {port} --calibration cal.toml");
-        let said = interrupt(folder, &upload, End::Interrupted);
-        assert!(
-            said.contains("taxel: interrupted; the previous calibration stays active"),
-            "{said}"
-        );
-        #[cfg(feature = "foxglove")]
-        interrupt(folder, &format!("bridge --foxglove 127.0.0.1:0 --port {port}"), End::Finished);
-        #[cfg(feature = "zenoh")]
-        interrupt(folder, &format!("bridge --zenoh --port {port}"), End::Finished);
-    }
-    assert_eq!(In(folder).files().into_keys().collect::<Vec<_>>(), ["cal.toml"]);
-}
-
 /// Calibration of the virtual finger with net and sensors only.
 const CALIBRATION: &str = include_str!("../../../emulator/data/finger.cal.toml");
 
@@ -268,7 +228,7 @@ fn recording_is_whole_when_finger_fell_silent() {
             said.extend(command.said.recv_timeout(UNDER_WAY).unwrap_or_default());
             assert!(Instant::now() < deadline, "{}", String::from_utf8_lossy(&said));
         }
-        thread::sleep(2 * UNDER_WAY);
+        until("a hundred frames", || rows_so_far(&folder.join("frames.csv")) > 100);
         stop(Signal::SIGSTOP);
         thread::sleep(UNDER_WAY);
         interrupted(folder, &line, command, said, End::Finished);
@@ -289,63 +249,22 @@ fn recording_is_whole_while_finger_is_waited_for() {
     let args: Vec<&str> = line.split_whitespace().collect();
     let mut command = OnTerminal::start(folder, &args);
     let mut said = command.under_way();
-    thread::sleep(2 * UNDER_WAY);
+    until("a frame", || rows_so_far(&folder.join("frames.mcap")) > 0);
     serve.kill().unwrap();
     serve.wait().unwrap();
     // A program takes the port that accepts the connection and says nothing.
     let address = port.strip_prefix("tcp:").unwrap();
-    let deadline = Instant::now() + PATIENCE;
-    let silent = loop {
-        match TcpListener::bind(address) {
-            Ok(listener) => break listener,
-            Err(error) => assert!(Instant::now() < deadline, "{error}"),
-        }
-    };
+    let mut silent = None;
+    until("the port", || {
+        silent = TcpListener::bind(address).ok();
+        silent.is_some()
+    });
+    let silent = silent.unwrap();
     let (_host, _) = silent.accept().unwrap();
     said.extend(command.said.try_iter().flatten());
     let said = interrupted(folder, &line, command, said, End::Failed);
     assert!(said.contains("waiting for it"), "{said}");
     assert!(whole(&folder.join("frames.mcap")) > 0);
-}
-
-#[test]
-fn read_of_silent_pipe_ends_within_a_second() {
-    let directory = tempfile::tempdir().unwrap();
-    let folder = directory.path();
-    std::fs::write(folder.join("cal.toml"), CALIBRATION).unwrap();
-    let make = |name: &str| mkfifo(&folder.join(name), Mode::S_IRUSR | Mode::S_IWUSR).unwrap();
-    let hold = |name: &str| File::options().read(true).write(true).open(folder.join(name)).unwrap();
-    // Nobody opens the first, nobody writes into the second.
-    ["unopened.csv", "silent.csv", "unopened.toml", "silent.toml"].into_iter().for_each(make);
-    let _held = ["silent.csv", "silent.toml"].map(hold);
-    for pipe in ["unopened", "silent"] {
-        for line in [
-            "export PIPE.csv --out copy.mcap",
-            "replay PIPE.csv --out frames.mcap",
-            "view --port file:PIPE.csv --no-browser --listen 127.0.0.1:0",
-            "serve --port file:PIPE.csv",
-            "record --port file:PIPE.csv --out frames.mcap",
-            "info --port file:PIPE.csv",
-            "simulate --scene PIPE.toml --out trace.csv",
-            "calibrate fit --data PIPE.csv --out own.toml",
-            "calibrate fit --data PIPE.csv --inputs m* --targets f --out own.toml",
-            "calibrate evaluate --data PIPE.csv --calibration cal.toml",
-            "calibrate report --data PIPE.csv --calibration cal.toml --out report.html",
-            "calibrate adjust --data PIPE.csv --calibration cal.toml --out own.toml",
-            "calibrate compare PIPE.toml cal.toml",
-            "calibrate upload --port sim:tour --calibration PIPE.toml",
-        ] {
-            // A fit keeps what it has, and says so if that is nothing.
-            let finger_fit = line.contains("fit") && !line.contains("--inputs");
-            let end = if finger_fit { End::Failed } else { End::Interrupted };
-            interrupt(folder, &line.replace("PIPE", pipe), end);
-        }
-    }
-    let kept = ["cal.toml", "silent.csv", "silent.toml", "unopened.csv", "unopened.toml"];
-    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name());
-    let mut names: Vec<_> = entries.map(|name| name.into_string().unwrap()).collect();
-    names.sort();
-    assert_eq!(names, kept);
 }
 
 #[test]
@@ -368,13 +287,94 @@ fn export_of_stalled_pipe_leaves_no_half_file() {
         let mut entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap());
         entries.any(|entry| entry.file_name().to_string_lossy().ends_with(".part.csv"))
     };
-    let deadline = Instant::now() + PATIENCE;
-    while !begun() {
-        assert!(Instant::now() < deadline, "it does not begin its file");
-        thread::sleep(Duration::from_millis(2));
-    }
+    until("its file", begun);
     // It reads what there is, and waits for the rest.
     thread::sleep(UNDER_WAY);
     interrupted(folder, line, command, said, End::Interrupted);
     assert!(!folder.join("copy.csv").exists());
+}
+
+/// Interrupts of every command.
+mod endurance {
+    use super::*;
+
+    #[test]
+    fn wait_for_silent_finger_ends_within_a_second() {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = directory.path();
+        std::fs::write(folder.join("cal.toml"), CALIBRATION).unwrap();
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let tcp = format!("tcp:{}", listener.local_addr().unwrap());
+        let (_master, serial) = silent_serial();
+        for port in [tcp.as_str(), serial.as_str()] {
+            for (line, end) in [
+                ("info --port PORT", End::Interrupted),
+                ("set --port PORT --rate 500", End::Interrupted),
+                ("bias --port PORT take", End::Interrupted),
+                ("self-test --port PORT", End::Interrupted),
+                ("dfu --port PORT", End::Interrupted),
+                ("record --port PORT --out frames.mcap", End::Interrupted),
+                ("view --port PORT --no-browser --listen 127.0.0.1:0", End::Finished),
+                ("calibrate download --port PORT --out own.toml", End::Interrupted),
+            ] {
+                interrupt(folder, &line.replace("PORT", port), end);
+            }
+            let upload = format!("calibrate upload --port {port} --calibration cal.toml");
+            let said = interrupt(folder, &upload, End::Interrupted);
+            assert!(
+                said.contains("taxel: interrupted; the previous calibration stays active"),
+                "{said}"
+            );
+            #[cfg(feature = "foxglove")]
+            interrupt(
+                folder,
+                &format!("bridge --foxglove 127.0.0.1:0 --port {port}"),
+                End::Finished,
+            );
+            #[cfg(feature = "zenoh")]
+            interrupt(folder, &format!("bridge --zenoh --port {port}"), End::Finished);
+        }
+        assert_eq!(In(folder).files().into_keys().collect::<Vec<_>>(), ["cal.toml"]);
+    }
+
+    #[test]
+    fn read_of_silent_pipe_ends_within_a_second() {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = directory.path();
+        std::fs::write(folder.join("cal.toml"), CALIBRATION).unwrap();
+        let make = |name: &str| mkfifo(&folder.join(name), Mode::S_IRUSR | Mode::S_IWUSR).unwrap();
+        let hold =
+            |name: &str| File::options().read(true).write(true).open(folder.join(name)).unwrap();
+        // Nobody opens the first, nobody writes into the second.
+        ["unopened.csv", "silent.csv", "unopened.toml", "silent.toml"].into_iter().for_each(make);
+        let _held = ["silent.csv", "silent.toml"].map(hold);
+        for pipe in ["unopened", "silent"] {
+            for line in [
+                "export PIPE.csv --out copy.mcap",
+                "replay PIPE.csv --out frames.mcap",
+                "view --port file:PIPE.csv --no-browser --listen 127.0.0.1:0",
+                "serve --port file:PIPE.csv",
+                "record --port file:PIPE.csv --out frames.mcap",
+                "info --port file:PIPE.csv",
+                "simulate --scene PIPE.toml --out trace.csv",
+                "calibrate fit --data PIPE.csv --out own.toml",
+                "calibrate fit --data PIPE.csv --inputs m* --targets f --out own.toml",
+                "calibrate evaluate --data PIPE.csv --calibration cal.toml",
+                "calibrate report --data PIPE.csv --calibration cal.toml --out report.html",
+                "calibrate adjust --data PIPE.csv --calibration cal.toml --out own.toml",
+                "calibrate compare PIPE.toml cal.toml",
+                "calibrate upload --port sim:tour --calibration PIPE.toml",
+            ] {
+                // A fit keeps what it has, and says so if that is nothing.
+                let finger_fit = line.contains("fit") && !line.contains("--inputs");
+                let end = if finger_fit { End::Failed } else { End::Interrupted };
+                interrupt(folder, &line.replace("PIPE", pipe), end);
+            }
+        }
+        let kept = ["cal.toml", "silent.csv", "silent.toml", "unopened.csv", "unopened.toml"];
+        let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name());
+        let mut names: Vec<_> = entries.map(|name| name.into_string().unwrap()).collect();
+        names.sort();
+        assert_eq!(names, kept);
+    }
 }

@@ -225,21 +225,16 @@ fn emulated_board_ends_when_the_command_is_killed() {
     let folder = tempfile::tempdir().unwrap();
     let demo = ["demo", "--emulated", "--scene", "press", "--headless"];
     let mut child = In(folder.path()).command(&demo).spawn().unwrap();
-    let patience = std::time::Duration::from_millis(20);
-    let emulator = loop {
+    let mut emulator = None;
+    common::until("the emulator", || {
         assert_eq!(child.try_wait().unwrap(), None, "it ended by itself");
-        match child_of(child.id()) {
-            Some(process) => break process,
-            None => std::thread::sleep(patience),
-        }
-    };
+        emulator = child_of(child.id());
+        emulator.is_some()
+    });
+    let emulator = emulator.unwrap();
     child.kill().unwrap();
     child.wait().unwrap();
-    let begin = std::time::Instant::now();
-    while emulator.exists() {
-        assert!(begin.elapsed().as_secs() < 20, "{} goes on", emulator.display());
-        std::thread::sleep(patience);
-    }
+    common::until("the emulator's end", || !emulator.exists());
 }
 
 #[cfg(unix)]
@@ -259,10 +254,10 @@ fn emulated_replay_keeps_its_frames_when_interrupted() {
         let part = files.filter(|file| file.file_name().to_string_lossy().contains(".part"));
         part.map(|file| file.metadata().map_or(0, |file| file.len())).sum::<u64>()
     };
-    while written() < 10_000 {
+    common::until("10 kB of frames", || {
         assert_eq!(child.try_wait().unwrap(), None, "it ended before Ctrl-C");
-        std::thread::sleep(std::time::Duration::from_millis(20));
-    }
+        written() >= 10_000
+    });
     kill(nix::unistd::Pid::from_raw(child.id().try_into().unwrap()), Signal::SIGINT).unwrap();
     let ran = common::Ran::of(child.wait_with_output().unwrap());
     assert_eq!(ran.code, Some(0), "{}", ran.err);

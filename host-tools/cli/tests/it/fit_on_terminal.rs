@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use nix::sys::resource::{UsageWho, getrusage};
 use nix::sys::time::TimeVal;
 
-use crate::common::{In, SHORT_PRESSES, long_form, read_terminal};
+use crate::common::{In, SHORT_PRESSES, long_form, read_terminal, until};
 use taxel_files::calibration;
 
 /// Processor time until the first line of progress; on an idle machine that is the time itself.
@@ -67,10 +67,10 @@ fn at_tenth(tenths: u32, folder: &Path, whole: &mut Duration) -> (Child, File, J
         let keyboard = master.try_clone().unwrap();
         let said = thread::spawn(move || read_terminal(master));
         let mut ended = None;
-        while ended.is_none() && worked(&child) < *whole * tenths / 10 {
-            thread::sleep(Duration::from_millis(10));
+        until("the share of the fit", || {
             ended = child.try_wait().unwrap();
-        }
+            ended.is_some() || worked(&child) >= *whole * tenths / 10
+        });
         let Some(status) = ended else { return (child, keyboard, said) };
         let said = said.join().unwrap();
         assert!(status.success(), "{tenths} tenths: {said}");

@@ -5,6 +5,7 @@
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::process::{Child, Stdio};
+use std::sync::mpsc::channel;
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
@@ -17,6 +18,8 @@ use crate::common::{In, long_form};
 const MEMORY: u64 = 64 << 10;
 /// Longest time to an answer for another page.
 const ANSWER: Duration = Duration::from_secs(1);
+/// Orders of a page after which its flood has begun: more than wait in the server.
+const UNDER_WAY: usize = 500;
 /// Pages that the server serves at once.
 const PAGES: usize = 32;
 
@@ -108,10 +111,15 @@ impl Page {
 
     /// Waits until frames arrive; returns their losses.
     fn lost(&mut self) -> u64 {
+        self.lost_of(100)
+    }
+
+    /// Waits until more frames than these have arrived; returns the losses.
+    fn lost_of(&mut self, most: u64) -> u64 {
         loop {
             let message = self.read();
             assert_eq!(message["trouble"], Value::Null);
-            if message["frames"].as_u64().is_some_and(|frames| frames > 100) {
+            if message["frames"].as_u64().is_some_and(|frames| frames > most) {
                 return message["lost"].as_u64().unwrap();
             }
         }
@@ -176,8 +184,7 @@ fn many_idle_pages_leave_memory_bounded() {
     }
     let opened = command.opens();
     let answered = page.order(r#"{"order":"rate","hz":900}"#);
-    std::thread::sleep(Duration::from_secs(2));
-    let lost = page.lost();
+    let lost = page.lost_of(3000);
     println!(
         "{clients} idle pages: opened in {opened:?}, answered in {answered:?}, {} kB, {lost} lost",
         command.memory()
@@ -203,22 +210,31 @@ fn flood_of_orders_delays_no_other_page() {
     let mut page = command.page();
     page.lost();
     let address = command.address.clone();
+    let (begin, begun) = channel::<()>();
     let floods: Vec<_> = (0..16)
         .map(|_| {
-            let address = address.clone();
+            let (address, begun) = (address.clone(), begin.clone());
             std::thread::spawn(move || {
                 let (mut socket, _) = connect(format!("ws://{address}/finger/0")).unwrap();
                 let MaybeTlsStream::Plain(stream) = socket.get_mut() else { unreachable!() };
                 stream.set_write_timeout(Some(Duration::from_secs(3))).unwrap();
                 // Sends until the server takes no more; its answers are not read.
                 let text = r#"{"order":"self-test"}"#;
-                let sent =
-                    (0..orders).take_while(|_| socket.send(Message::text(text)).is_ok()).count();
+                let mut begun = Some(begun);
+                let order = |n: &usize| {
+                    if *n == UNDER_WAY {
+                        drop(begun.take());
+                    }
+                    socket.send(Message::text(text)).is_ok()
+                };
+                let sent = (0..orders).take_while(order).count();
                 (sent, socket)
             })
         })
         .collect();
-    std::thread::sleep(Duration::from_millis(500));
+    // A flood that ended before has begun as well.
+    drop(begin);
+    begun.iter().for_each(drop);
     let mut slowest = Duration::ZERO;
     for hz in [800, 900, 1000] {
         slowest = slowest.max(page.order(&format!(r#"{{"order":"rate","hz":{hz}}}"#)));

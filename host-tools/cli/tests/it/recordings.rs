@@ -3,9 +3,9 @@
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::Child;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use crate::common::In;
+use crate::common::{In, rows_so_far, until};
 use taxel_files::frames::Cell;
 use taxel_files::recording::Recording;
 use taxel_files::stretch::Stretch;
@@ -227,25 +227,6 @@ fn recording_without_codes_plays_its_frames() {
     assert!(error.contains("this board cannot do that"), "{error}");
 }
 
-/// Records as a beginner does, and fits what was recorded.
-#[test]
-fn default_recording_can_be_fitted() {
-    let folder = tempfile::tempdir().unwrap();
-    let taxel = In(folder.path());
-    std::fs::write(folder.path().join("presses.toml"), crate::common::SHORT_PRESSES).unwrap();
-    let simulate = ["simulate", "--scene", "presses.toml", "--seed", "3"];
-    taxel.succeeds(&[simulate.as_slice(), &["--cell", "cell.csv", "--out", "codes.csv"]].concat());
-    taxel.succeeds(&["record", "--port", "file:codes.csv", "--out", "presses.mcap"]);
-    let recording = Recording::open(&folder.path().join("presses.mcap")).unwrap();
-    assert!(recording.position("fz_n").is_some() && recording.position("bridge_s0_a").is_some());
-    let fit = ["calibrate", "fit", "--data", "presses.mcap", "--reference", "cell.csv"];
-    let fitted =
-        taxel.succeeds(&[fit.as_slice(), &["--model", "ridge", "--out", "finger.toml"]].concat());
-    assert!(fitted.contains("finger.toml"), "{fitted}");
-    let again = ["replay", "presses.mcap", "--calibration", "finger.toml", "--out", "again.csv"];
-    taxel.succeeds(&again);
-}
-
 /// Scene of presses as `calibrate record` asks for them, on a finger without a calibration.
 fn asked_for() -> String {
     let mut scene = String::from(
@@ -273,32 +254,6 @@ fn asked_for() -> String {
     (0..3).for_each(|_| press([1.0; 2], 1.5, [0.0; 2], 0.7));
     (0..45).for_each(|_| press([-1.0; 2], 1.0, [0.0; 2], 0.04));
     scene
-}
-
-#[test]
-fn guided_recording_ends_when_presses_are_enough() {
-    let folder = tempfile::tempdir().unwrap();
-    let taxel = In(folder.path());
-    std::fs::write(folder.path().join("asked.toml"), asked_for()).unwrap();
-    let record = ["calibrate", "record", "--port", "sim:asked.toml", "--out", "presses.mcap"];
-    let ran = taxel.taxel(&record);
-    assert_eq!(ran.code, Some(0), "{}{}", ran.out, ran.err);
-    let steps: Vec<&str> = ran.err.lines().collect();
-    assert_eq!(steps[0], "touch nothing for a second");
-    assert_eq!(steps[1], "press the middle 3 times, as hard as it will ever be pressed");
-    assert_eq!(steps.last(), Some(&"enough"), "{}", ran.err);
-    assert_eq!(ran.out.matches("[lmh").count(), 16, "{}", ran.out);
-    assert!(ran.out.contains("sideways →↗↑↖←↙↓↘, held 3 of 3, fast 3 of 3"), "{}", ran.out);
-    let recording = Recording::open(&folder.path().join("presses.mcap")).unwrap();
-    assert!(recording.whole && recording.position("lit_r0c0").is_some());
-    assert!(recording.map(Result::unwrap).count() > 5000);
-    // A file that exists is kept, and a finger without the matrix is refused.
-    let error = taxel.fails(1, &record);
-    assert!(error.contains("the file exists already"), "{error}");
-    let refused = ["calibrate", "record", "--port", "sim:mems", "--out", "bare.mcap"];
-    let error = taxel.fails(1, &refused);
-    assert!(error.contains("bare.mcap: the frames have no codes of the optical matrix"), "{error}");
-    assert!(!folder.path().join("bare.mcap").exists());
 }
 
 /// A load cell's clock is 2.7 s ahead, and the reference finger is late by 4 ms.
@@ -459,11 +414,8 @@ fn kill_9_loses_at_most_the_last_second() {
     let record = [["record", "--port", "sim:press"].as_slice(), &files].concat();
     let mut child = taxel.command(&record).spawn().unwrap();
     let mcap = folder.path().join("a.mcap");
-    let begun = Instant::now();
-    while Recording::open(&mcap).is_err() {
-        assert!(begun.elapsed() < Duration::from_secs(20), "no recording");
-        std::thread::sleep(Duration::from_millis(20));
-    }
+    until("a recording", || Recording::open(&mcap).is_ok());
+    // Ends between two flushes, whenever the first was.
     std::thread::sleep(Duration::from_millis(2300));
     // Host time of the kill, to compare with the column `host_us`.
     let killed = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap();
@@ -516,7 +468,7 @@ fn recording_resumes_only_with_same_finger() {
             ["record", "--port", &port, "--rate", "500", "--duration", duration, "--out", out];
         let finger = serve(scenes[0]);
         let recording = taxel.command(&args).spawn().unwrap();
-        std::thread::sleep(Duration::from_millis(1500));
+        until("frames of the first finger", || rows_so_far(&folder.path().join(out)) > 150);
         pull(finger);
         std::thread::sleep(Duration::from_millis(700));
         let finger = serve(scenes[1]);
@@ -648,4 +600,62 @@ fn recording_is_equal_in_every_format() {
     assert!(!folder.path().join("d.mcap").exists());
     let error = taxel.fails(1, &["export", "a.mcap", "--out", "./a.mcap"]);
     assert!(error.contains("would overwrite"), "{error}");
+}
+
+/// Recordings of many presses, in real time.
+mod endurance {
+    use super::*;
+
+    /// Records as a beginner does, and fits what was recorded.
+    #[test]
+    fn default_recording_can_be_fitted() {
+        let folder = tempfile::tempdir().unwrap();
+        let taxel = In(folder.path());
+        std::fs::write(folder.path().join("presses.toml"), crate::common::SHORT_PRESSES).unwrap();
+        let simulate = ["simulate", "--scene", "presses.toml", "--seed", "3"];
+        taxel.succeeds(
+            &[simulate.as_slice(), &["--cell", "cell.csv", "--out", "codes.csv"]].concat(),
+        );
+        taxel.succeeds(&["record", "--port", "file:codes.csv", "--out", "presses.mcap"]);
+        let recording = Recording::open(&folder.path().join("presses.mcap")).unwrap();
+        assert!(
+            recording.position("fz_n").is_some() && recording.position("bridge_s0_a").is_some()
+        );
+        let fit = ["calibrate", "fit", "--data", "presses.mcap", "--reference", "cell.csv"];
+        let fitted = taxel
+            .succeeds(&[fit.as_slice(), &["--model", "ridge", "--out", "finger.toml"]].concat());
+        assert!(fitted.contains("finger.toml"), "{fitted}");
+        let again =
+            ["replay", "presses.mcap", "--calibration", "finger.toml", "--out", "again.csv"];
+        taxel.succeeds(&again);
+    }
+
+    #[test]
+    fn guided_recording_ends_when_presses_are_enough() {
+        let folder = tempfile::tempdir().unwrap();
+        let taxel = In(folder.path());
+        std::fs::write(folder.path().join("asked.toml"), asked_for()).unwrap();
+        let record = ["calibrate", "record", "--port", "sim:asked.toml", "--out", "presses.mcap"];
+        let ran = taxel.taxel(&record);
+        assert_eq!(ran.code, Some(0), "{}{}", ran.out, ran.err);
+        let steps: Vec<&str> = ran.err.lines().collect();
+        assert_eq!(steps[0], "touch nothing for a second");
+        assert_eq!(steps[1], "press the middle 3 times, as hard as it will ever be pressed");
+        assert_eq!(steps.last(), Some(&"enough"), "{}", ran.err);
+        assert_eq!(ran.out.matches("[lmh").count(), 16, "{}", ran.out);
+        assert!(ran.out.contains("sideways →↗↑↖←↙↓↘, held 3 of 3, fast 3 of 3"), "{}", ran.out);
+        let recording = Recording::open(&folder.path().join("presses.mcap")).unwrap();
+        assert!(recording.whole && recording.position("lit_r0c0").is_some());
+        assert!(recording.map(Result::unwrap).count() > 5000);
+        // A file that exists is kept, and a finger without the matrix is refused.
+        let error = taxel.fails(1, &record);
+        assert!(error.contains("the file exists already"), "{error}");
+        let refused = ["calibrate", "record", "--port", "sim:mems", "--out", "bare.mcap"];
+        let error = taxel.fails(1, &refused);
+        assert!(
+            error.contains("bare.mcap: the frames have no codes of the optical matrix"),
+            "{error}"
+        );
+        assert!(!folder.path().join("bare.mcap").exists());
+    }
 }

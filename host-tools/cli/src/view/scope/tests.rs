@@ -12,6 +12,11 @@ fn scope() -> Scope {
     scope
 }
 
+/// Time at which the last tick of rows that just came is closed.
+fn settled() -> Instant {
+    Instant::now() + SETTLED
+}
+
 /// Pushes a stream of 4 kHz with one outlier at `peak`.
 fn stream(scope: &mut Scope, rows: u64, peak: u64) {
     let start = Instant::now().checked_sub(Duration::from_micros(rows * 250)).unwrap();
@@ -27,8 +32,7 @@ fn stream(scope: &mut Scope, rows: u64, peak: u64) {
 fn ticks_keep_every_peak_and_flag() {
     let mut scope = scope();
     stream(&mut scope, 4000, 1234);
-    std::thread::sleep(SETTLED);
-    let news = scope.news(&mut Seen::default());
+    let news = scope.news(&mut Seen::default(), settled());
     let high: Vec<f64> = news["ticks"]["high"]
         .as_array()
         .unwrap()
@@ -47,22 +51,21 @@ fn slow_page_gets_every_tick_once() {
     let mut scope = scope();
     let mut seen = Seen::default();
     stream(&mut scope, 2000, 0);
-    let mut told = |seen: &mut Seen| {
-        let news = scope.news(seen);
+    let mut told = |seen: &mut Seen, now| {
+        let news = scope.news(seen, now);
         let ends = news["ticks"]["time"].as_array().unwrap().iter();
         let ends: Vec<f64> = ends.map(|time| time.as_f64().unwrap()).collect();
         let rows = news["ticks"]["rows"].as_array().unwrap().iter();
         (ends, rows.map(|rows| rows.as_u64().unwrap()).sum::<u64>())
     };
-    let (mut ends, first) = told(&mut seen);
+    let (mut ends, first) = told(&mut seen, Instant::now());
     assert!(ends.len() > 20);
-    std::thread::sleep(SETTLED);
     // The last tick, if it was still open then.
-    let (last, rest) = told(&mut seen);
+    let (last, rest) = told(&mut seen, settled());
     ends.extend(last);
     assert_eq!(first + rest, 2000);
     assert!(ends.windows(2).all(|pair| pair[0] < pair[1]), "{ends:?}");
-    let news = scope.news(&mut seen);
+    let news = scope.news(&mut seen, settled());
     assert_eq!(news["ticks"]["time"], json!([]));
     assert_eq!(news.get("columns"), None);
 }
@@ -73,8 +76,7 @@ fn missing_value_is_shown_as_its_reason() {
     let why = taxel::measured::NoValue::NoContact;
     let row = [Cell::Whole(0), Cell::Whole(0), Cell::Whole(0), Cell::Withheld(why)];
     scope.push(&row, Instant::now());
-    std::thread::sleep(SETTLED);
-    let news = scope.news(&mut Seen::default());
+    let news = scope.news(&mut Seen::default(), settled());
     assert_eq!(news["latest"][3], "no contact");
     assert_eq!(news["ticks"]["low"], json!([[null]]));
 }
@@ -97,8 +99,7 @@ fn stalled_host_draws_no_wedge() {
         let force = Cell::Real(i as f32 * 1e-3);
         scope.push(&[Cell::Whole(i * 1000), Cell::Whole(i), Cell::Whole(0), force], at);
     }
-    std::thread::sleep(SETTLED);
-    let forces = forces(&scope.news(&mut Seen::default()));
+    let forces = forces(&scope.news(&mut Seen::default(), settled()));
     assert_eq!(forces.len(), 200);
     assert!(forces.iter().all(|(low, high)| high - low < 0.005), "{forces:?}");
 }
@@ -110,7 +111,7 @@ fn added_column_keeps_earlier_ticks() {
     let mut columns = scope.columns.clone();
     columns.insert(3, Column { name: "fx_n".to_owned(), kind: Kind::Measured });
     scope.set_columns(columns);
-    let news = scope.news(&mut Seen::default());
+    let news = scope.news(&mut Seen::default(), Instant::now());
     assert_eq!(news["ticks"]["high"][0], json!([null, 9.5]));
     assert!(news["ticks"]["high"].as_array().unwrap().len() > 15);
 }
@@ -119,8 +120,7 @@ fn added_column_keeps_earlier_ticks() {
 fn opening_page_gets_history_in_pieces() {
     let mut scope = scope();
     stream(&mut scope, 20_000, 0);
-    std::thread::sleep(SETTLED);
     let mut seen = Seen::default();
-    let sizes = [(); 3].map(|()| forces(&scope.news(&mut seen)).len());
+    let sizes = [(); 3].map(|()| forces(&scope.news(&mut seen, settled())).len());
     assert_eq!(sizes, [MOST, MOST, 0]);
 }

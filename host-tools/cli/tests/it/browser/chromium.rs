@@ -4,14 +4,11 @@ use std::io::{BufRead, BufReader};
 use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
 
+use crate::common::until;
 use serde_json::{Value, json};
 use tungstenite::stream::MaybeTlsStream;
 use tungstenite::{Message, WebSocket, connect};
-
-/// Time limit of a wait. Only a failing test reaches it.
-const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Page in a browser of its own.
 pub struct Browser {
@@ -131,11 +128,13 @@ impl Browser {
 
     /// Waits until an expression is true in the page.
     pub fn wait_for(&mut self, expression: &str) {
-        let begun = Instant::now();
-        while self.value(&format!("Boolean({expression})")) != true {
-            assert!(begun.elapsed() < PATIENCE, "never came: {expression}");
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        until(expression, || self.value(&format!("Boolean({expression})")) == true);
+    }
+
+    /// Waits until the page has drawn its plots so often.
+    pub fn redrawn(&mut self, times: u32) {
+        self.value("void (window.before = taxel.draws)");
+        self.wait_for(&format!("taxel.draws >= before + {times}"));
     }
 
     /// Sends an event of the mouse: `mouseMoved`, `mousePressed` or `mouseReleased`.

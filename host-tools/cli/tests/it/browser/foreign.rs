@@ -9,7 +9,8 @@ use taxel::wire::message::{Command, Info, Request};
 use taxel::wire::{MAX_PACKET, pack};
 use taxel_client::{Client, Port};
 
-use super::{Browser, finger, tapped};
+use super::stream::tapped;
+use super::{Browser, finger};
 
 /// Rate that the attacks ask for, in hertz.
 const ASKED: u16 = 80;
