@@ -1,5 +1,7 @@
 //! Tests that run the manuals' shell blocks as written.
 
+mod elsewhere;
+
 use std::path::{Path, PathBuf};
 
 use crate::common::In;
@@ -26,52 +28,65 @@ const MANUALS: [&str; 17] = [
     "host-tools/python/README.md",
 ];
 
+/// Pages whose shell blocks this file does not run, but the Python client's `test_c.py`.
+const NOT_A_SCRIPT: [&str; 1] = ["host-tools/c/README.md"];
+
 /// Shell prologue of a manual's blocks: substitutes for what a test cannot have.
 #[cfg(unix)]
 const PRELUDE: &str = r#"
 set -euo pipefail
+# Passes a command that is known to be run elsewhere.
+elsewhere() {
+    local all="$*" beginning
+    while read -r beginning; do
+        [[ "$all " != "$beginning "* ]] || return 0
+    done <<< "$ELSEWHERE"
+    echo "no test runs \`$all\`: run it in PRELUDE, or list it in elsewhere.rs" >&2
+    return 1
+}
 taxel() {
-    local all=" $* "
+    local all=" $* " word words=()
     case "$all" in
-        # A feature that this build may lack; the Python tests run the bridges of both pages in docs/.
-        " bridge "*) set -- help bridge ;;
-        *" --duration "* | *" --help "*) ;;
-        # What runs until Ctrl-C gets it after four seconds, once, and must end well. Another page may be served.
-        " view "* | " serve "* | " demo "*)
-            [[ "$all" != " view "* ]] || set -- "$@" --listen 127.0.0.1:0
-            timeout --foreground --preserve-status --signal=INT 4 "$TAXEL" "$@"
-            return ;;
-        # Minutes. What it draws is measured by the tests of the crate `chart`.
-        " chart "*) set -- chart --help ;;
+        " chart "*) elsewhere taxel "$@"; set -- chart --help ;;
         *" --inputs "* | *" --sensor "*) ;;
         # A net of four units is fitted in seconds; how good nets are is no matter of the manuals.
         " calibrate fit "*) set -- "$@" --hidden 4 ;;
+        " bridge "*)
+            # The quick profile builds neither feature. The manual's address may be in use.
+            for word; do
+                [[ "$word" != --@(zenoh|foxglove) || " $FEATURES " == *" ${word#--} "* ]] || { "$TAXEL" help bridge; return; }
+                words+=("$word")
+                [[ "$word" != --foxglove ]] || words+=(127.0.0.1:0)
+            done
+            set -- "${words[@]}" ;;
+    esac
+    # What runs until Ctrl-C gets it after four seconds, once, and must end well. Another page may be served.
+    case "$all" in
+        *" --duration "* | *" --help "*) ;;
+        " view "* | " serve "* | " demo "* | " bridge "*)
+            [[ "$all" != " view "* ]] || set -- "$@" --listen 127.0.0.1:0
+            timeout --foreground --preserve-status --signal=INT 4 "$TAXEL" "$@"
+            return ;;
     esac
     "$TAXEL" "$@"
 }
 cargo() {
     case "$1 ${2-}" in
+        "demo ") grep -q '^demo = "run .*taxel -- demo"' "$ROOT/.cargo/config.toml" && taxel demo && return ;;
         "install --path") test -f "$ROOT/$3/Cargo.toml" ;;
-        # These tests are part of the first, and so are the others: they would wait for its lock.
-        "xtask test" | "xtask cycles" | "xtask firmware") ;;
-        # Programs for research take minutes, or tools that are not here.
         "run -p") test -f "$ROOT/host-tools/${3#taxel-}/Cargo.toml" ;;
-        "run "*) return 1 ;;
-        *) [[ $1 == demo ]] && grep -q '^demo = "run .*taxel -- demo"' "$ROOT/.cargo/config.toml" && taxel demo ;;
     esac
+    elsewhere cargo "$@"
 }
 sudo() {
     case "$1" in
         tee) cat > "$(basename "$2")" ;;
-        udevadm) ;;
-        *) return 1 ;;
+        *) elsewhere sudo "$@" ;;
     esac
 }
-# `cargo xtask test` installs it and runs its tests.
-pip() { test -f "$ROOT/${2%[*}/pyproject.toml"; }
-# They need a chip in its bootloader.
-rust-objcopy() { [[ " $* " == *".elf "*".bin "* ]]; }
-dfu-util() { [[ " $* " == *" --download "*".bin "* ]]; }
+pip() { test -f "$ROOT/${2%[*}/pyproject.toml" && elsewhere pip "${@%[*}"; }
+rust-objcopy() { [[ " $* " == *".elf "*".bin "* ]] && elsewhere rust-objcopy "$@"; }
+dfu-util() { [[ " $* " == *" --download "*".bin "* ]] && elsewhere dfu-util "$@"; }
 "#;
 
 fn root() -> PathBuf {
@@ -115,12 +130,17 @@ fn run(manual: &str) -> tempfile::TempDir {
         // The scene in a page is the file that its commands run.
         std::fs::write(folder.path().join("my.toml"), block).unwrap();
     }
+    let features = [("zenoh", cfg!(feature = "zenoh")), ("foxglove", cfg!(feature = "foxglove"))];
+    let features = features.iter().filter(|(_, built)| *built).map(|(name, _)| *name);
+    let features = features.collect::<Vec<_>>().join(" ");
     for block in blocks(manual, "sh") {
         let script = block.replace("/dev/ttyACM0", &finger.port().to_string());
         let output = std::process::Command::new("bash")
             .args(["-c", &format!("{PRELUDE}{script}")])
             .env("TAXEL", env!("CARGO_BIN_EXE_taxel"))
             .env("ROOT", root())
+            .env("ELSEWHERE", elsewhere::ELSEWHERE.map(|(beginning, _)| beginning).join("\n"))
+            .env("FEATURES", &features)
             // A test must open no browser.
             .env_remove("DISPLAY")
             .env_remove("WAYLAND_DISPLAY")
@@ -133,8 +153,8 @@ fn run(manual: &str) -> tempfile::TempDir {
     folder
 }
 
-#[test]
-fn every_manual_with_shell_block_is_listed() {
+/// Lists all pages of the repository.
+fn pages() -> Vec<String> {
     let mut open = vec![root()];
     let mut found = Vec::new();
     while let Some(folder) = open.pop() {
@@ -147,41 +167,28 @@ fn every_manual_with_shell_block_is_listed() {
             }
         }
     }
+    found
+}
+
+#[test]
+fn every_manual_with_shell_block_is_listed() {
+    let found = pages();
     assert!(found.len() >= MANUALS.len(), "{found:?}");
     for manual in found {
         let listed = MANUALS.contains(&manual.as_str());
         assert!(listed || blocks(&manual, "sh").is_empty(), "{manual} is not among the manuals");
+        // The Python client's `test_readme.py` runs those of its page.
+        let python =
+            blocks(&manual, "python").is_empty() || manual == "host-tools/python/README.md";
+        assert!(python, "{manual}: no test runs its Python");
     }
-}
-
-#[cfg(unix)]
-#[test]
-fn getting_started_runs_as_written() {
-    let folder = run("docs/getting-started.md");
-    for name in [
-        "taxel.bash",
-        "man1/taxel.1",
-        "tour.mcap",
-        "tour.csv",
-        "tour.parquet",
-        "second.csv",
-        "again.csv",
-    ] {
-        let size = std::fs::metadata(folder.path().join(name)).unwrap().len();
-        assert!(size > 1000, "{name}: {size} bytes");
-    }
-    let rule = std::fs::read_to_string(folder.path().join("70-taxel.rules")).unwrap();
-    assert!(rule.contains("1209"), "{rule}");
 }
 
 #[cfg(unix)]
 #[test]
 fn other_manuals_run_as_written() {
     let apart = ["README.md", "docs/getting-started.md", "docs/calibrate.md"];
-    // The virtual finger's calibration is fitted by hand, as described there, and judged by
-    // `pipeline.rs`. The page of the C headers is run by the Python client's `test_c.py`.
-    let elsewhere = ["host-tools/cli/assets/README.md", "host-tools/c/README.md"];
-    let here = |manual: &&&str| !apart.contains(manual) && !elsewhere.contains(manual);
+    let here = |manual: &&&str| !apart.contains(manual) && !NOT_A_SCRIPT.contains(manual);
     for manual in MANUALS.iter().filter(here) {
         run(manual);
     }
@@ -232,11 +239,30 @@ fn commands_named_in_manuals_exist() {
     }
 }
 
-/// Manuals that fit a finger, which takes a minute.
+/// Manuals that stream or fit for a minute.
 #[cfg(unix)]
 mod endurance {
     use super::{In, blocks, run};
     use crate::common::json;
+
+    #[test]
+    fn getting_started_runs_as_written() {
+        let folder = run("docs/getting-started.md");
+        for name in [
+            "taxel.bash",
+            "man1/taxel.1",
+            "tour.mcap",
+            "tour.csv",
+            "tour.parquet",
+            "second.csv",
+            "again.csv",
+        ] {
+            let size = std::fs::metadata(folder.path().join(name)).unwrap().len();
+            assert!(size > 1000, "{name}: {size} bytes");
+        }
+        let rule = std::fs::read_to_string(folder.path().join("70-taxel.rules")).unwrap();
+        assert!(rule.contains("1209"), "{rule}");
+    }
 
     #[test]
     fn readme_runs_as_written() {
