@@ -9,12 +9,16 @@
 #[cfg(not(feature = "recording"))]
 mod absent;
 mod csv;
+#[cfg(feature = "recording")]
+pub mod foxglove;
 mod header;
 #[cfg(feature = "recording")]
 mod mcap;
 #[cfg(feature = "recording")]
 mod parquet;
 mod scans;
+#[cfg(feature = "recording")]
+mod scene;
 #[cfg(feature = "recording")]
 pub mod schema;
 
@@ -33,6 +37,8 @@ use absent as parquet;
 
 pub use header::Header;
 pub use scans::Scans;
+#[cfg(feature = "recording")]
+pub use scene::Contact;
 
 /// Extension of a recording whose format the user did not choose.
 pub const EXTENSION: &str = if cfg!(feature = "recording") { "mcap" } else { "csv" };

@@ -8,12 +8,17 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
+from fingers import rows
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from google.protobuf.descriptor_pb2 import DescriptorProto
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.decoder import DecoderFactory
 
 SECONDS = 2
 FILES = ("a.mcap", "a.parquet", "a.csv")
+FRAMES = "/taxel/press"
 
 
 @pytest.fixture(scope="module")
@@ -35,11 +40,15 @@ def test_mcap_is_whole_and_describes_itself(folder: Path):
         reader = make_reader(file, validate_crcs=True)
         summary = reader.get_summary()
         assert summary is not None and summary.statistics is not None
-        assert summary.statistics.message_count == SECONDS * 1000
-        (channel,) = summary.channels.values()
-        assert (channel.topic, channel.message_encoding) == ("/taxel/press", "protobuf")
-        (schema,) = summary.schemas.values()
-        assert (schema.name, schema.encoding) == ("taxel.Frame", "protobuf")
+        schemas = {}
+        for id_, channel in summary.channels.items():
+            schema = summary.schemas[channel.schema_id]
+            assert (channel.message_encoding, schema.encoding) == ("protobuf", "protobuf")
+            schemas[channel.topic] = schema.name
+            if channel.topic == FRAMES:
+                assert summary.statistics.channel_message_counts[id_] == SECONDS * 1000
+        scene, log = "foxglove.SceneUpdate", "foxglove.Log"
+        assert schemas == {FRAMES: "taxel.Frame", f"{FRAMES}/scene": scene, f"{FRAMES}/log": log}
         # Both ends of the file hold them, so that one damaged place loses neither.
         attachment, again = reader.iter_attachments()
         assert attachment.name == "calibration.toml" and b"taxel_calibration" in attachment.data
@@ -59,13 +68,13 @@ def test_recording_compressed_again_by_other_tools_is_read(folder: Path, command
             for attachment in reader.iter_attachments():
                 a = attachment
                 writer.add_attachment(a.create_time, a.log_time, a.name, a.media_type, a.data)
-            channel_id = None
+            ids: dict[str, int] = {}
             for schema, channel, message in reader.iter_messages():
                 assert schema is not None
-                if channel_id is None:
+                if channel.topic not in ids:
                     schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
-                    channel_id = writer.register_channel(channel.topic, "protobuf", schema_id)
-                writer.add_message(channel_id, message.log_time, message.data, message.publish_time)
+                    ids[channel.topic] = writer.register_channel(channel.topic, "protobuf", schema_id)
+                writer.add_message(ids[channel.topic], message.log_time, message.data, message.publish_time)
             writer.finish()
         export = [command, "export", name, "--out", f"{compression.name}.csv"]
         subprocess.run(export, cwd=folder, check=True)
@@ -76,7 +85,7 @@ def test_recording_compressed_again_by_other_tools_is_read(folder: Path, command
 def test_mcap_and_parquet_hold_the_same_cells(folder: Path, table: pd.DataFrame):
     with (folder / "a.mcap").open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        messages = [decoded for _, _, _, decoded in reader.iter_decoded_messages()]
+        messages = [decoded for _, _, _, decoded in reader.iter_decoded_messages(topics=[FRAMES])]
     assert len(messages) == len(table) == SECONDS * 1000
     fields = [f.name for f in messages[0].DESCRIPTOR.fields]
     assert fields == list(table.columns)
@@ -123,3 +132,65 @@ def test_rows_have_host_time_and_mapped_scan_time(table: pd.DataFrame):
     # Times are whole microseconds.
     assert (np.abs(steps) <= errors[:-1] + errors[1:] + 2).all() and np.median(np.abs(steps)) <= 1
     assert set(table["connection"]) == {1}
+
+
+def official(descriptor: Any, theirs: Any) -> int:
+    """Compares a message's schema and those of its parts with Foxglove's own; counts the fields."""
+    compared = 0
+    for field in descriptor.fields:
+        kinds = []
+        for message in (descriptor, theirs):
+            whole = DescriptorProto()
+            message.CopyToProto(whole)
+            (kind,) = [f for f in whole.field if f.name == field.name]
+            kinds.append((kind.number, kind.type, kind.label, kind.type_name))
+        assert kinds[0] == kinds[1], f"{descriptor.full_name}.{field.name}"
+        compared += 1
+        other = theirs.fields_by_name[field.name]
+        if field.enum_type is not None:
+            values = [{v.name: v.number for v in f.enum_type.values} for f in (field, other)]
+            assert values[0] == values[1]
+        if field.message_type is not None:
+            compared += official(field.message_type, other.message_type)
+    return compared
+
+
+def test_mcap_has_scene_and_log_in_foxglove_schemas(command: str, tmp_path: Path):
+    """Foxglove's own classes read what was recorded, and what was exported from a table."""
+    record = [command, "record", "--port", "sim:fault-dead-led", "--fields", "all", "--duration", "3"]
+    files = ["--out", "a.mcap", "--out", "a.parquet", "--out", "a.csv"]
+    subprocess.run([*record, *files], cwd=tmp_path, check=True)
+    subprocess.run([command, "export", "a.parquet", "--out", "b.mcap"], cwd=tmp_path, check=True)
+    # Of frames that came together, the first is drawn.
+    by_time: dict[int, dict[str, str]] = {}
+    for row in rows(tmp_path / "a.csv"):
+        by_time.setdefault(int(row["host_us"]), row)
+    for name in ("a.mcap", "b.mcap"):
+        scenes, logs, arrows, fields = [], [], 0, set()
+        with (tmp_path / name).open("rb") as file:
+            reader = make_reader(file, decoder_factories=[DecoderFactory()])
+            for _, channel, message, decoded in reader.iter_decoded_messages():
+                end = channel.topic.removeprefix("/taxel/fault-dead-led")
+                if end == "/log":
+                    logs.append(Log.FromString(message.data))
+                    fields.add(official(decoded.DESCRIPTOR, Log.DESCRIPTOR))
+                if end != "/scene":
+                    continue
+                scenes.append(message.log_time)
+                fields.add(official(decoded.DESCRIPTOR, SceneUpdate.DESCRIPTOR))
+                (entity,) = SceneUpdate.FromString(message.data).entities
+                assert entity.timestamp.ToNanoseconds() == message.log_time
+                assert (entity.frame_id, entity.id, len(entity.cubes)) == ("fault-dead-led", "finger", 17)
+                row = by_time[message.log_time // 1000]
+                assert len(entity.arrows) == bool(row["x_mm"] and row["fz_n"])
+                for arrow in entity.arrows:
+                    force = np.array([float(row[axis]) for axis in ("fx_n", "fy_n", "fz_n")])
+                    length = arrow.shaft_length + arrow.head_length
+                    assert np.isclose(length, 0.01 * np.linalg.norm(force), rtol=1e-4)
+                    arrows += 1
+        # 60 scenes a second, from frames a millisecond apart.
+        steps = np.diff(scenes)
+        assert 150 < len(scenes) < 190 and steps.min() >= 16_666_000, (len(scenes), steps.min())
+        assert arrows > 10 and len(fields) == 2 and min(fields) >= 6
+        faults = [line for line in logs if line.message.startswith("dead-taxel: ")]
+        assert faults and all(line.level == Log.Level.ERROR for line in faults)

@@ -1,7 +1,8 @@
 //! Recordings in MCAP, which Foxglove opens.
 //!
-//! A file has one channel of protobuf messages ([`crate::recording::schema`]), the facts as
-//! metadata and the calibration as an attachment. Messages lie in compressed chunks, each with its
+//! A file has one channel of protobuf messages ([`crate::recording::schema`]), those of Foxglove's
+//! own schemas ([`crate::recording::foxglove`]), which are for viewers alone, the facts as metadata
+//! and the calibration as an attachment. Messages lie in compressed chunks, each with its
 //! CRC. A flush ends the chunk, so a killed writer's file lacks only its summary and unflushed
 //! rows. A damaged chunk loses its own rows. Facts and calibration stand at both ends of the file,
 //! and MCAP repeats the channel in its summary, so that one damaged place loses none of them.
@@ -23,7 +24,9 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 use mcap::records::{self, MessageHeader};
 use mcap::{Attachment, Compression, McapError, WriteOptions};
 
+use crate::recording::foxglove::{self, Standard, TOPICS};
 use crate::recording::header::Header;
+use crate::recording::scene;
 use crate::recording::{Existing, HOST_TIME, Sink, begin, schema};
 
 pub(crate) use read::{open, open_from};
@@ -37,12 +40,37 @@ const FACTS_CRC: &str = "facts_crc";
 pub(crate) struct Writer {
     path: PathBuf,
     mcap: mcap::Writer<BufWriter<File>>,
-    channel: u16,
+    channel: Channel,
+    /// Channels of [`TOPICS`], their encoder and its columns; `None` for rows that are no frames.
+    standard: Option<([Channel; TOPICS.len()], Standard, scene::Columns)>,
     /// Position of a row's time and its unit in nanoseconds: host time, else device time.
     time: Option<usize>,
-    sequence: u32,
     message: Vec<u8>,
     header: Header,
+}
+
+/// Channel with the number of its next message.
+struct Channel {
+    id: u16,
+    sequence: u32,
+}
+
+impl Channel {
+    fn put(
+        &mut self,
+        mcap: &mut mcap::Writer<BufWriter<File>>,
+        message: &[u8],
+        nanos: u64,
+    ) -> Result<(), McapError> {
+        let header = MessageHeader {
+            channel_id: self.id,
+            sequence: self.sequence,
+            log_time: nanos,
+            publish_time: nanos,
+        };
+        self.sequence = self.sequence.wrapping_add(1);
+        mcap.write_to_known_channel(&header, message)
+    }
 }
 
 impl Writer {
@@ -61,20 +89,29 @@ impl Writer {
             .disable_seeking(true);
         let mut mcap = options.create(BufWriter::new(file)).map_err(failed)?;
         write_header(&mut mcap, header).map_err(failed)?;
-        let schema = mcap.add_schema(schema::NAME, "protobuf", &schema::descriptor(columns));
+        let mut channel = |topic: &str, name, descriptor: &[u8]| {
+            let schema = mcap.add_schema(name, "protobuf", descriptor)?;
+            let id = mcap.add_channel(schema, topic, "protobuf", &BTreeMap::new())?;
+            Ok(Channel { id, sequence: 0 })
+        };
         let serial = header.facts.get("serial").map_or("finger", String::as_str);
-        let channel = mcap
-            .add_channel(
-                schema.map_err(failed)?,
-                &schema::topic(serial),
-                "protobuf",
-                &BTreeMap::new(),
-            )
-            .map_err(failed)?;
+        let topic = schema::topic(serial);
+        let frames = channel(&topic, schema::NAME, &schema::descriptor(columns)).map_err(failed)?;
+        let standard = match scene::Columns::of(columns) {
+            None => None,
+            Some(drawn) => {
+                let [scene, log] = std::array::from_fn(|at| {
+                    let (end, name) = TOPICS[at];
+                    channel(&format!("{topic}{end}"), name, &foxglove::descriptor(at))
+                });
+                let channels = [scene.map_err(failed)?, log.map_err(failed)?];
+                Some((channels, Standard::new(serial), drawn))
+            }
+        };
         let find = |name| columns.iter().position(|column| column.name == name);
         let time = find(HOST_TIME).or_else(|| find("t_us"));
         let (path, message, header) = (path.to_owned(), Vec::new(), header.clone());
-        let mut writer = Self { path, mcap, channel, time, sequence: 0, message, header };
+        let mut writer = Self { path, mcap, channel: frames, standard, time, message, header };
         writer.flush()?;
         Ok(writer)
     }
@@ -87,15 +124,15 @@ impl Sink for Writer {
             Some(Cell::Whole(micros)) => micros.saturating_mul(1000),
             _ => 0,
         };
-        let header = MessageHeader {
-            channel_id: self.channel,
-            sequence: self.sequence,
-            log_time: nanos,
-            publish_time: nanos,
-        };
-        self.sequence = self.sequence.wrapping_add(1);
-        let written = self.mcap.write_to_known_channel(&header, &self.message);
-        written.map_err(|error| no_writing(&self.path, error))
+        let Self { mcap, channel, standard, message, path, .. } = self;
+        let mut written = channel.put(mcap, message, nanos);
+        if let (Ok(()), Some((channels, standard, columns))) = (&written, standard) {
+            let frame = columns.frame(row);
+            written = standard.messages(&frame, nanos, |topic, message| {
+                channels[topic].put(mcap, message, nanos)
+            });
+        }
+        written.map_err(|error| no_writing(path, error))
     }
 
     fn flush(&mut self) -> Result<(), FileError> {

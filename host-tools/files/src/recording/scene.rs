@@ -3,11 +3,13 @@
 //! Positions are in metres in the finger's frame, z into the skin.
 
 use taxel::condition::Signals;
+use taxel::estimate::{ContactPoint, Force};
 use taxel::frame::schema::{BITS, Kind};
 use taxel::frame::{Frame, Status};
-use taxel::scan::{PITCH, TAXEL_CENTRES};
+use taxel::scan::{COLS, PITCH, TAXEL_CENTRES, TAXELS};
+use taxel::units::{Micros, Millimetres, Newtons};
 
-use crate::commands::bridge::ros::contact::Contact;
+use crate::frames::{Cell, Column};
 
 /// Edge of the pad and thickness of what is drawn of it, in m.
 const PAD: [f64; 3] = [0.010, 0.010, 0.002];
@@ -16,24 +18,122 @@ const PLATE: (f64, f64) = (0.85, 0.0004);
 /// Signal of a taxel that has the brightest colour, as a share of full scale.
 const BRIGHT: f64 = 0.3;
 
+/// Length of the arrow of a force, in m per N.
+const ARROW: f64 = 0.01;
+
+/// Single contact with a place.
+#[derive(Clone, Copy)]
+pub struct Contact {
+    /// Place on the surface of the skin in m.
+    pub point: [f64; 2],
+    /// Force in N; `None` if a component has no value.
+    pub force: Option<[f64; 3]>,
+}
+
+impl Contact {
+    /// Returns the frame's contact; `None` without a contact point.
+    #[must_use]
+    pub fn of(frame: &Frame) -> Option<Self> {
+        let point = frame.point?.ok()?;
+        let force = match frame.force {
+            Some(Force { x: Ok(x), y: Ok(y), z: Ok(z) }) => Some([x, y, z]),
+            _ => None,
+        };
+        Some(Self {
+            point: [point.x, point.y].map(|mm| f64::from(mm.0) * 1e-3),
+            force: force.map(|force| force.map(|newtons| f64::from(newtons.0))),
+        })
+    }
+
+    /// Returns the ends of the arrow that pushes onto the contact point.
+    #[must_use]
+    pub fn arrow(&self) -> Option<[[f64; 3]; 2]> {
+        let [x, y] = self.point;
+        let tip = [x, y, 0.0];
+        let force = self.force?;
+        Some([std::array::from_fn(|i| tip[i] - ARROW * force[i]), tip])
+    }
+}
+
+/// Columns of a recording that a scene and a log are made of.
+pub(crate) struct Columns {
+    time: usize,
+    status: usize,
+    force: Option<[usize; 3]>,
+    point: Option<[usize; 2]>,
+    taxels: Option<[usize; TAXELS]>,
+}
+
+impl Columns {
+    /// Finds them; `None` in rows without a status, which are no frames.
+    pub(crate) fn of(columns: &[Column]) -> Option<Self> {
+        let find = |name: &str| columns.iter().position(|column| column.name == name);
+        let taxel = |k: usize| find(&format!("c_r{}c{}", k / COLS, k % COLS));
+        let taxels: Option<Vec<usize>> = (0..TAXELS).map(taxel).collect();
+        let three = || Some([find("fx_n")?, find("fy_n")?, find("fz_n")?]);
+        let two = || Some([find("x_mm")?, find("y_mm")?]);
+        Some(Self {
+            time: find("t_us")?,
+            status: find("status")?,
+            force: three(),
+            point: two(),
+            taxels: taxels.and_then(|taxels| taxels.try_into().ok()),
+        })
+    }
+
+    /// Returns the frame of a row, as far as it is drawn.
+    pub(crate) fn frame(&self, row: &[Cell]) -> Frame {
+        let whole = |at: usize| match row.get(at) {
+            Some(Cell::Whole(value)) => *value,
+            _ => 0,
+        };
+        let value = |at: usize| match row.get(at)? {
+            Cell::Real(value) => Some(Ok(*value)),
+            Cell::Withheld(why) => Some(Err(*why)),
+            _ => None,
+        };
+        let force = self.force.and_then(|[x, y, z]| {
+            let newtons = |at| value(at).map(|value| value.map(Newtons));
+            Some(Force { x: newtons(x)?, y: newtons(y)?, z: newtons(z)? })
+        });
+        let point = self.point.and_then(|[x, y]| {
+            let place = |(x, y)| ContactPoint { x: Millimetres(x), y: Millimetres(y) };
+            let (x, y) = (value(x)?, value(y)?);
+            Some(x.and_then(|x| y.map(|y| (x, y))).map(place))
+        });
+        let taxels = self.taxels.and_then(|taxels| {
+            let signals: Option<Vec<f32>> = taxels.into_iter().map(|at| value(at)?.ok()).collect();
+            signals?.try_into().ok()
+        });
+        Frame {
+            time: Micros(whole(self.time)),
+            status: Status(whole(self.status) as u32),
+            force,
+            point,
+            signals: taxels.map(|taxels| Signals { taxels: Some(taxels), ..Signals::default() }),
+            ..Frame::default()
+        }
+    }
+}
+
 /// Box by its middle, size and colour (red, green, blue, opacity).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Plate {
-    pub middle: [f64; 3],
-    pub size: [f64; 3],
-    pub colour: [f64; 4],
+pub(crate) struct Plate {
+    pub(crate) middle: [f64; 3],
+    pub(crate) size: [f64; 3],
+    pub(crate) colour: [f64; 4],
 }
 
 /// Arrow from its tail along a unit quaternion x, y, z, w, which turns the x axis into it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Arrow {
-    pub tail: [f64; 3],
-    pub turn: [f64; 4],
-    pub length: f64,
+pub(crate) struct Arrow {
+    pub(crate) tail: [f64; 3],
+    pub(crate) turn: [f64; 4],
+    pub(crate) length: f64,
 }
 
 /// Returns the pad and, if their signals are streamed, its taxels.
-pub fn plates(frame: &Frame) -> Vec<Plate> {
+pub(crate) fn plates(frame: &Frame) -> Vec<Plate> {
     let pad =
         Plate { middle: [0.0, 0.0, PAD[2] / 2.0], size: PAD, colour: [0.85, 0.85, 0.88, 0.35] };
     let taxels = frame.signals.and_then(|Signals { taxels, .. }| taxels);
@@ -58,7 +158,7 @@ fn colour(signal: f32) -> [f64; 4] {
 }
 
 /// Returns the arrow of the frame's force; `None` without a force, a place or a length.
-pub fn arrow(frame: &Frame) -> Option<Arrow> {
+pub(crate) fn arrow(frame: &Frame) -> Option<Arrow> {
     let [tail, tip] = Contact::of(frame)?.arrow()?;
     let along: [f64; 3] = std::array::from_fn(|i| tip[i] - tail[i]);
     let length = along.iter().map(|part| part * part).sum::<f64>().sqrt();
@@ -78,14 +178,14 @@ pub fn arrow(frame: &Frame) -> Option<Arrow> {
 
 /// Line of the log, with whether it is a fault.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Line {
-    pub fault: bool,
-    pub text: String,
+pub(crate) struct Line {
+    pub(crate) fault: bool,
+    pub(crate) text: String,
 }
 
 /// Flags that were raised between two frames.
 #[derive(Default)]
-pub struct Flags {
+pub(crate) struct Flags {
     before: Status,
     /// Device time in seconds of the last line of each flag.
     told: [Option<u64>; 32],
@@ -93,7 +193,7 @@ pub struct Flags {
 
 impl Flags {
     /// Returns a line for each warning and fault that began. A flag that flickers has one a second.
-    pub fn raised(&mut self, frame: &Frame) -> Vec<Line> {
+    pub(crate) fn raised(&mut self, frame: &Frame) -> Vec<Line> {
         let now = frame.time.0 / 1_000_000;
         let new = frame.status - self.before;
         self.before = frame.status;
@@ -116,10 +216,11 @@ impl Flags {
 
 #[cfg(test)]
 mod tests {
-    use taxel::estimate::{ContactPoint, Force};
-    use taxel::units::{Micros, Millimetres};
+    use taxel::frame::Fields;
+    use taxel::measured::NoValue;
 
     use super::*;
+    use crate::frames;
 
     fn pressed(force: [f32; 3]) -> Frame {
         let [x, y, z] = force;
@@ -148,6 +249,32 @@ mod tests {
         }
         assert_eq!(arrow(&pressed([0.0; 3])), None);
         assert_eq!(arrow(&Frame::default()), None);
+    }
+
+    #[test]
+    fn row_draws_what_its_frame_draws() {
+        let taxels = std::array::from_fn(|k| k as f32 * -0.01);
+        let sent = Frame {
+            time: Micros(7_000),
+            status: Status::CONTACT,
+            signals: Some(Signals { taxels: Some(taxels), ..Signals::default() }),
+            ..pressed([0.5, -0.25, 2.0])
+        };
+        let withheld = Frame {
+            force: Some(Force { y: Err(NoValue::Saturated), ..Force::known(0.0, 0.0, 1.0) }),
+            point: Some(Err(NoValue::NoContact)),
+            ..sent
+        };
+        let columns = Columns::of(&frames::columns(Fields::ALL)).unwrap();
+        for sent in [sent, withheld, Frame::default()] {
+            let mut row = Vec::new();
+            frames::cells(&sent, Fields::ALL, &mut row);
+            let read = columns.frame(&row);
+            assert_eq!((read.time, read.status), (sent.time, sent.status));
+            assert_eq!((read.force, read.point), (sent.force, sent.point));
+            assert_eq!((plates(&read), arrow(&read)), (plates(&sent), arrow(&sent)));
+        }
+        assert!(Columns::of(&frames::columns(Fields::ALL)[3..]).is_none());
     }
 
     #[test]

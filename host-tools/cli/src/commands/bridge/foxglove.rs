@@ -1,20 +1,18 @@
-//! Live fingers in Foxglove. A finger's frames have the topic and the messages of an MCAP
-//! recording, so that a layout's plots serve both; a scene and a log have Foxglove's own schemas.
-
-pub mod scene;
+//! Live fingers in Foxglove, with the topics and the messages of an MCAP recording, so that a layout
+//! serves both.
 
 use std::sync::Arc;
-use std::time::Duration;
 
 use anyhow::Context;
 use taxel::frame::Fields;
 use taxel::wire::message::Info;
 use taxel_client::{Port, Received, Timestamps};
 use taxel_files::frames::Cell;
+use taxel_files::recording::foxglove::{self, Standard, TOPICS};
 use taxel_files::recording::schema;
 
 use super::finger::Outlet;
-use super::websocket::{self, Live, Standard};
+use super::websocket::{self, Live};
 use crate::files::{row, row_columns};
 use crate::output;
 
@@ -27,9 +25,6 @@ pub fn start(address: &str) -> anyhow::Result<Arc<Live>> {
     output::note(format_args!("Foxglove: open connection, ws://{address}"));
     Ok(Arc::new(server))
 }
-
-/// Interval of scenes: 60 a second.
-const DRAW: Duration = Duration::from_micros(16_666);
 
 /// Topics of one finger.
 pub struct Topics {
@@ -44,11 +39,10 @@ pub struct Topics {
 struct Channel {
     topic: websocket::Channel,
     standard: Standard,
+    /// Channels of [`TOPICS`].
+    standards: Vec<websocket::Channel>,
     serial: String,
     fields: Fields,
-    flags: scene::Flags,
-    /// Time of the last scene.
-    drawn: Duration,
 }
 
 impl Topics {
@@ -80,15 +74,21 @@ impl Outlet for Topics {
         let descriptor = schema::descriptor(&row_columns(info.fields));
         // Foxglove needs the old topic closed before one of the same name opens.
         drop(self.channel.take());
-        let channel = self.server.channel(&topic, schema::NAME, descriptor).context("foxglove")?;
+        let open = |topic: &str, name, descriptor| {
+            self.server.channel(topic, name, descriptor).context("foxglove")
+        };
+        let channel = open(&topic, schema::NAME, descriptor)?;
+        let standards = TOPICS.iter().enumerate().map(|(at, (end, name))| {
+            open(&format!("{topic}{end}"), name, foxglove::descriptor(at))
+        });
+        let standards = standards.collect::<anyhow::Result<_>>()?;
         output::note(format_args!("{port}: topics {topic}, {topic}/scene and {topic}/log"));
         self.channel = Some(Channel {
             topic: channel,
-            standard: self.server.standard(&topic, serial),
+            standard: Standard::new(serial),
+            standards,
             serial: serial.to_owned(),
             fields: info.fields,
-            flags: scene::Flags::default(),
-            drawn: Duration::ZERO,
         });
         Ok(())
     }
@@ -98,17 +98,12 @@ impl Outlet for Topics {
         row(received, channel.fields, stamps, self.connection, &mut self.row);
         schema::encode(&self.row, &mut self.message);
         // Time of reception, as in a recording.
-        let at = stamps.unix(received.at);
-        let nanos = at.as_micros() as u64 * 1000;
+        let nanos = stamps.unix(received.at).as_micros() as u64 * 1000;
         channel.topic.log(&self.message, nanos);
-        for line in channel.flags.raised(&received.frame) {
-            channel.standard.tell(&line, nanos);
-        }
-        if at.abs_diff(channel.drawn) >= DRAW {
-            channel.drawn = at;
-            let frame = &received.frame;
-            channel.standard.draw(&scene::plates(frame), scene::arrow(frame), nanos);
-        }
-        Ok(())
+        let standards = &channel.standards;
+        channel.standard.messages(&received.frame, nanos, |topic, message| {
+            standards[topic].log(message, nanos);
+            Ok(())
+        })
     }
 }

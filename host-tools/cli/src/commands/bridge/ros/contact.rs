@@ -3,8 +3,7 @@
 use std::time::Duration;
 
 use serde::Serialize;
-use taxel::estimate::Force;
-use taxel::frame::Frame;
+use taxel_files::recording::Contact;
 
 use super::super::tool::Tool;
 use super::{Header, Point, Quaternion, Time, Type, Vector3, cdr, header};
@@ -27,8 +26,6 @@ pub const TF: Type = Type {
     hash: "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
 };
 
-/// Length of the arrow of a force, in m per N.
-const ARROW: f64 = 0.01;
 /// Diameters of the arrow's shaft and head, and length of its head, in m.
 const ARROW_SIZE: Vector3 = Vector3 { x: 0.001, y: 0.002, z: 0.003 };
 const GREEN: Colour = Colour { r: 0.1, g: 0.75, b: 0.3, a: 1.0 };
@@ -38,41 +35,9 @@ const TYPE_ARROW: i32 = 0;
 const ACTION_ADD: i32 = 0;
 const ACTION_DELETE: i32 = 2;
 
-/// Single contact with a place.
-#[derive(Clone, Copy)]
-pub struct Contact {
-    /// Place on the surface of the skin in m.
-    pub point: [f64; 2],
-    /// Force in N; `None` if a component has no value.
-    pub force: Option<[f64; 3]>,
-}
-
-impl Contact {
-    /// Returns the frame's contact; `None` without a contact point.
-    pub fn of(frame: &Frame) -> Option<Self> {
-        let point = frame.point?.ok()?;
-        let force = match frame.force {
-            Some(Force { x: Ok(x), y: Ok(y), z: Ok(z) }) => Some([x, y, z]),
-            _ => None,
-        };
-        Some(Self {
-            point: [point.x, point.y].map(|mm| f64::from(mm.0) * 1e-3),
-            force: force.map(|force| force.map(|newtons| f64::from(newtons.0))),
-        })
-    }
-
-    fn place(&self) -> Point {
-        let [x, y] = self.point;
-        Point { x, y, z: 0.0 }
-    }
-
-    /// Returns the ends of the arrow that pushes onto the contact point.
-    pub fn arrow(&self) -> Option<[[f64; 3]; 2]> {
-        let [x, y] = self.point;
-        let tip = [x, y, 0.0];
-        let force = self.force?;
-        Some([std::array::from_fn(|i| tip[i] - ARROW * force[i]), tip])
-    }
+fn place(contact: &Contact) -> Point {
+    let [x, y] = contact.point;
+    Point { x, y, z: 0.0 }
 }
 
 #[derive(Serialize)]
@@ -141,7 +106,7 @@ struct MeshFile {
 
 /// Encodes the contact point.
 pub fn point_stamped(contact: &Contact, at: Duration, name: &str) -> Vec<u8> {
-    cdr(&PointStamped { header: header(at, name), point: contact.place() })
+    cdr(&PointStamped { header: header(at, name), point: place(contact) })
 }
 
 /// Encodes the arrow of a contact's force, 10 mm for each newton. Without a force it is removed.
@@ -182,7 +147,7 @@ pub fn tf(
     name: &str,
 ) -> Option<Vec<u8>> {
     let contact = contact.map(|contact| {
-        let Point { x, y, z } = contact.place();
+        let Point { x, y, z } = place(contact);
         (contact_frame(name), [x, y, z], Quaternion::NONE)
     });
     let tool = tool.map(|tool| {

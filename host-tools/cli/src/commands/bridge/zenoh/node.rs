@@ -12,13 +12,14 @@ use super::Session;
 use crate::commands::bridge::finger::{Health, lock};
 use crate::commands::bridge::graph::Publisher;
 use crate::commands::bridge::peer::{Server, Token, Writer};
-use crate::commands::bridge::ros::contact::{self, Contact};
+use crate::commands::bridge::ros::contact;
 use crate::commands::bridge::ros::diagnostics::{DIAGNOSTICS, diagnostic_array};
 use crate::commands::bridge::ros::services::Service;
 use crate::commands::bridge::ros::{self, Type};
 use crate::commands::bridge::services::{Services, Waiting};
 use crate::commands::bridge::tool::Tool;
 use crate::output;
+use taxel_files::recording::Contact;
 
 /// Entities of a node, itself included, numbered over the whole session.
 const ENTITIES: u32 = 16;
