@@ -8,11 +8,12 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use clap::{Args, ValueEnum};
+use object::build::elf::Builder;
 use object::{Object, ObjectSegment};
 
 use crate::run::{answer, cargo, clean, lines, locked, program, root, run, setup, target};
 use crate::steps::Steps;
-use crate::{bill, firmware, python};
+use crate::{bill, firmware, python, toolchain};
 
 /// Arguments of `cargo xtask release`.
 #[derive(Args)]
@@ -46,7 +47,7 @@ const LARGEST_PROGRAM: u64 = 25 << 20;
 ///
 /// # Errors
 /// The tree has changes, the folder holds something, a tool is missing, a file is too large, or an
-/// image differs when it is built in another folder.
+/// image differs when it is built in another folder, or a program names this machine.
 pub fn task(release: &Release, steps: &mut Steps) -> Result<()> {
     let changed = lines(program("git", &root()).args(["status", "--porcelain"]));
     ensure!(
@@ -86,7 +87,10 @@ fn images(out: &Path, steps: &mut Steps) -> Result<()> {
     for board in &boards {
         steps.take(&format!("firmware of {board}"), || {
             let (image, _) = firmware::build(board)?;
-            fs::copy(image, out.join(format!("{board}.elf")))?;
+            let image = without_debug_information(&image)?;
+            let elf = out.join(format!("{board}.elf"));
+            fs::write(&elf, image)?;
+            names_no_machine(&elf)?;
             bill::write(board, out)
         })?;
     }
@@ -100,22 +104,50 @@ fn images(out: &Path, steps: &mut Steps) -> Result<()> {
             let mut build = clean("cargo", &elsewhere);
             let again = answer(build.args(["xtask", "firmware", board]))
                 .with_context(|| format!("{board} is not built in {}", elsewhere.display()))?;
-            let [here, there] = [out.join(format!("{board}.elf")), again.into()].map(flashed);
-            let (here, there) = (here?, there?);
+            let here = fs::read(out.join(format!("{board}.elf")))?;
+            let there = without_debug_information(Path::new(&again))?;
             ensure!(here == there, "{board}: the image depends on the folder in which it is built");
-            let bytes = here.iter().map(|(_, bytes)| bytes.len()).sum::<usize>();
-            eprintln!("{board}: the same {bytes} bytes");
+            eprintln!("{board}: the same {} bytes", here.len());
         }
         Ok(fs::remove_dir_all(&elsewhere)?)
     })
 }
 
+/// Returns an image without its debug information, whose paths are those of this machine.
+fn without_debug_information(elf: &Path) -> Result<Vec<u8>> {
+    let bytes = fs::read(elf).with_context(|| elf.display().to_string())?;
+    let mut image = Builder::read(&*bytes).with_context(|| elf.display().to_string())?;
+    for section in &mut image.sections {
+        section.delete = section.name.starts_with(b".debug_");
+    }
+    let mut stripped = Vec::new();
+    image.write(&mut stripped).with_context(|| elf.display().to_string())?;
+    let [before, after] = [&bytes, &stripped].map(|image| flashed(image));
+    ensure!(before? == after?, "{}: what is flashed has changed", elf.display());
+    Ok(stripped)
+}
+
 /// Returns what a programmer writes of an image: addresses and bytes.
-fn flashed(elf: PathBuf) -> Result<Vec<(u64, Vec<u8>)>> {
-    let bytes = fs::read(&elf).with_context(|| elf.display().to_string())?;
-    let file = object::File::parse(&*bytes)?;
+fn flashed(elf: &[u8]) -> Result<Vec<(u64, Vec<u8>)>> {
+    let file = object::File::parse(elf)?;
     let part = |part: object::Segment<'_, '_>| Ok((part.address(), part.data()?.to_vec()));
     file.segments().map(part).collect()
+}
+
+/// Fails where a program holds a path of the machine that built it.
+fn names_no_machine(program: &Path) -> Result<()> {
+    let bytes = fs::read(program).with_context(|| program.display().to_string())?;
+    for path in toolchain::machine_paths() {
+        let name = path.as_os_str().as_encoded_bytes();
+        let named = name.len() > 1 && bytes.windows(name.len()).any(|window| window == name);
+        ensure!(
+            !named,
+            "{} holds the path {} of this machine: add what it belongs to to `short_paths`",
+            program.display(),
+            path.display()
+        );
+    }
+    Ok(())
 }
 
 /// Packs and checks the core for crates.io.
@@ -151,6 +183,7 @@ fn command(out: &Path) -> Result<()> {
         data.iter().map(|data| data.join("scripts").join(&name)).find(|file| file.is_file());
     let built = built.context("the wheel has no program")?;
     within(&built, LARGEST_PROGRAM)?;
+    names_no_machine(&built)?;
     let archive = folder.join("archive");
     fs::create_dir(&archive)?;
     let taxel = archive.join(&name);
@@ -184,6 +217,7 @@ fn wheel(folder: &str, out: &Path) -> Result<PathBuf> {
         .args(["-m", "pip", "wheel", "--quiet", "--disable-pip-version-check", "--no-deps"])
         .arg("--wheel-dir")
         .arg(out)
+        .env("CARGO_ENCODED_RUSTFLAGS", toolchain::short_paths(&[]).join("\u{1f}"))
         .arg(format!("./{folder}")))?;
     let made = files(out)?.into_iter().find(|file| !before.contains(file));
     made.with_context(|| format!("pip made no wheel of {folder}"))
@@ -214,4 +248,20 @@ fn files(folder: &Path) -> Result<Vec<PathBuf>> {
         fs::read_dir(folder)?.map(|file| Ok(file?.path())).collect::<Result<_>>()?;
     files.sort();
     Ok(files)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn path_of_the_machine_in_a_program_is_noticed() {
+        let file = target().join(format!("named-{}", std::process::id()));
+        fs::write(&file, b"\0src/finger.rs\0").unwrap();
+        let without = names_no_machine(&file);
+        fs::write(&file, format!("\0{}/src/finger.rs\0", root().display())).unwrap();
+        let with = names_no_machine(&file);
+        fs::remove_file(file).unwrap();
+        assert!(without.is_ok() && with.unwrap_err().to_string().contains("short_paths"));
+    }
 }

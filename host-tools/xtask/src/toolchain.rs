@@ -13,7 +13,11 @@ pub fn cargo(subcommand: &str) -> Command {
     let mut command = clean("cargo", &root().join("boards"));
     command.args([subcommand, "--quiet", "--release", "--target", TARGET]);
     command.env("RUSTC_WRAPPER", root().join("boards/rustc"));
-    if let Some(flags) = short_paths() {
+    if remaps_by_scope() {
+        // Debug information keeps its paths: debuggers find the sources.
+        let generated = root().join("boards/target").join(TARGET).join("release/build");
+        let mut flags = short_paths(&[generated]);
+        flags.insert(0, "--remap-path-scope=macro".to_owned());
         command.arg("--config").arg(format!("target.{TARGET}.rustflags = {flags:?}"));
     }
     command
@@ -24,19 +28,21 @@ pub fn output(board: &str) -> PathBuf {
     root().join("boards/target").join(TARGET).join("release").join(board)
 }
 
-/// Flags that shorten the paths in panic messages.
+/// Returns whether the compiler can shorten the paths of panic messages alone: from Rust 1.95 on.
+fn remaps_by_scope() -> bool {
+    let help = clean("rustc", &root()).args(["--help", "-v"]).output();
+    help.is_ok_and(|help| String::from_utf8_lossy(&help.stdout).contains("--remap-path-scope"))
+}
+
+/// Flags that shorten the paths in programs, also in panic messages.
 ///
-/// A full path names this machine and costs the product 2 KB of flash. Debuggers still find the
-/// sources. `None` before Rust 1.95, which lacks the flag.
-fn short_paths() -> Option<Vec<String>> {
-    let help = clean("rustc", &root()).args(["--help", "-v"]).output().ok()?;
-    if !String::from_utf8_lossy(&help.stdout).contains("--remap-path-scope") {
-        return None;
-    }
-    let generated = root().join("boards/target").join(TARGET).join("release/build");
+/// A full path names this machine, and costs the product 2 KB of flash. Files in the folders
+/// `generated` are named by what follows there.
+pub fn short_paths(generated: &[PathBuf]) -> Vec<String> {
     // The last that fits counts.
-    let mut short = vec![(root(), String::new()), (generated, String::new())];
-    for registry in folders(&cargo_home()?.join("registry/src")) {
+    let mut short = vec![(root(), String::new())];
+    short.extend(generated.iter().map(|folder| (folder.clone(), String::new())));
+    for registry in cargo_home().iter().flat_map(|home| folders(&home.join("registry/src"))) {
         let crates = folders(&registry);
         short.push((registry, String::new()));
         short.extend(crates.into_iter().filter_map(|folder| {
@@ -50,9 +56,16 @@ fn short_paths() -> Option<Vec<String>> {
             Some((folder.join(common), format!("{name}/")))
         }));
     }
-    let remap =
-        short.iter().map(|(path, name)| format!("--remap-path-prefix={}/={name}", path.display()));
-    Some(std::iter::once("--remap-path-scope=macro".to_owned()).chain(remap).collect())
+    short
+        .iter()
+        .map(|(path, name)| format!("--remap-path-prefix={}/={name}", path.display()))
+        .collect()
+}
+
+/// Folders of this machine that no released program may name.
+pub fn machine_paths() -> Vec<PathBuf> {
+    let home = std::env::home_dir().map(|home| home.join(""));
+    [Some(root()), cargo_home(), home].into_iter().flatten().collect()
 }
 
 /// Returns the entries of a folder, none of an absent one.
