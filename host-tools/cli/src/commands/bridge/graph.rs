@@ -153,6 +153,7 @@ impl Publisher {
 
 /// Builds the attachment of a reply: that of its request, with the time of the reply. `None` if the
 /// request has none of rmw_zenoh.
+#[cfg(any(feature = "zenoh", test))]
 pub fn reply_attachment(request: &[u8], at: Duration) -> Option<[u8; 33]> {
     let mut bytes: [u8; 33] = request.try_into().ok()?;
     bytes[8..16].copy_from_slice(&(at.as_nanos() as u64).to_le_bytes());
