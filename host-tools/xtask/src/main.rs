@@ -12,6 +12,7 @@ mod firmware;
 mod fuzz;
 mod hardware;
 mod image;
+mod install;
 mod marks;
 mod memory;
 mod pages;

@@ -13,7 +13,7 @@ use object::{Object, ObjectSegment};
 
 use crate::run::{answer, cargo, clean, lines, locked, program, root, run, setup, target};
 use crate::steps::Steps;
-use crate::{bill, firmware, python, toolchain};
+use crate::{bill, firmware, install, python, toolchain};
 
 /// Arguments of `cargo xtask release`.
 #[derive(Args)]
@@ -183,6 +183,7 @@ fn command(out: &Path) -> Result<()> {
         data.iter().map(|data| data.join("scripts").join(&name)).find(|file| file.is_file());
     let built = built.context("the wheel has no program")?;
     within(&built, LARGEST_PROGRAM)?;
+    install::size_agrees(fs::metadata(&built)?.len())?;
     names_no_machine(&built)?;
     let archive = folder.join("archive");
     fs::create_dir(&archive)?;
