@@ -21,6 +21,7 @@ mod scans;
 mod scene;
 #[cfg(feature = "recording")]
 pub mod schema;
+mod spooled;
 
 use std::fs::File;
 use std::io::ErrorKind;
@@ -139,11 +140,10 @@ impl Recorder {
     /// Checks that a file can be created, and touches nothing.
     ///
     /// # Errors
-    /// The name has no known extension, or the file exists and must stay.
+    /// The name has no known extension, the file exists and must stay, or the rows of a killed
+    /// recording are beside it.
     pub fn check(path: &Path, existing: Existing) -> Result<(), FileError> {
-        if Format::of(path)? == Format::Parquet {
-            parquet::check(path)?;
-        }
+        spooled::check(path)?;
         if existing == Existing::Keep && path.is_file() {
             Err(already_exists(path))
         } else {
@@ -152,6 +152,8 @@ impl Recorder {
     }
 
     /// Creates the file of unrepeatable data, which survives the end of this process.
+    ///
+    /// A file that it replaces stays until the new one has ended, and for good if no row came.
     ///
     /// # Errors
     /// The name has no known extension, the file cannot be written, or it exists and must stay.
@@ -162,8 +164,9 @@ impl Recorder {
         existing: Existing,
     ) -> Result<Self, FileError> {
         Self::check(path, existing)?;
-        if Format::of(path)? == Format::Parquet {
-            return Ok(Self(Box::new(parquet::Spooled::create(path, header, columns, existing)?)));
+        if Format::of(path)? == Format::Parquet || path.is_file() {
+            let spooled = spooled::Spooled::create(path, header, columns, existing)?;
+            return Ok(Self(Box::new(spooled)));
         }
         Self::derived(path, header, columns, existing)
     }

@@ -92,21 +92,22 @@ impl Pending {
     pub fn commit(mut self) -> Result<(), FileError> {
         let Some(temporary) = self.temporary.take() else { return Ok(()) };
         let Self { path, target, former, .. } = &self;
-        let name = temporary.to_path_buf();
-        let replaced = || -> io::Result<()> {
-            let file = File::open(&temporary)?;
-            if let Some(former) = former {
-                file.set_permissions(former.permissions())?;
-            }
-            file.sync_all()?;
-            temporary.persist(target).map_err(|error| error.error)?;
-            // On Unix the folder holds the name and needs its own sync.
-            if cfg!(unix) { File::open(folder(target))?.sync_all() } else { Ok(()) }
-        };
-        let replaced = replaced();
-        forget(&name);
+        let replaced = rename(&temporary, target, former.as_ref());
+        forget(&temporary);
         replaced.map_err(|error| FileError::io(path, &error))
     }
+}
+
+/// Syncs a file beside `target`, and gives it that name and the rights of the former file.
+pub(crate) fn rename(file: &Path, target: &Path, former: Option<&Metadata>) -> io::Result<()> {
+    let synced = File::open(file)?;
+    if let Some(former) = former {
+        synced.set_permissions(former.permissions())?;
+    }
+    synced.sync_all()?;
+    std::fs::rename(file, target)?;
+    // On Unix the folder holds the name and needs its own sync.
+    if cfg!(unix) { File::open(folder(target))?.sync_all() } else { Ok(()) }
 }
 
 impl Drop for Pending {

@@ -75,12 +75,12 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     guided(args, |_, _| Ok(ControlFlow::Continue(())))
 }
 
-/// Records until `guide` breaks off, which sees every item of the stream after it was written.
+/// Records until `guide` breaks off, which sees every item of the stream before it is written.
 ///
 /// As [`run`], and what `guide` reports.
 pub fn guided(
     args: Args,
-    mut guide: impl FnMut(&Info, Next<'_>) -> anyhow::Result<ControlFlow<()>>,
+    mut guide: impl FnMut(&Info, &mut Next<'_>) -> anyhow::Result<ControlFlow<()>>,
 ) -> anyhow::Result<()> {
     if let Port::File(trace) = &args.port.port {
         args.out.iter().try_for_each(|out| output::keep([trace.as_path()], out, args.overwrite))?;
@@ -112,7 +112,8 @@ pub fn guided(
     // Measured in its own thread, because a round trip blocks until the reply and frames must not
     // wait.
     let echoes = RoundTrips::of(&steady);
-    let recorded = stream::run(&steady, true, args.duration, &interrupt, |next| {
+    let recorded = stream::run(&steady, true, args.duration, &interrupt, |mut next| {
+        let flow = guide(&info, &mut next)?;
         match &next {
             Next::Frame(received) => {
                 echoes.try_iter().for_each(|echo| files.echo(echo));
@@ -133,7 +134,7 @@ pub fn guided(
             }
             Next::Progress(_) => {}
         }
-        guide(&info, next)
+        Ok(flow)
     });
     interrupt.finishing();
     let finished = waiting(format!("writing {names}"), || files.finish());

@@ -445,6 +445,46 @@ fn kill_9_loses_at_most_the_last_second() {
     assert!(rows(&folder.path().join("a.parquet")) == saved);
 }
 
+#[test]
+fn forced_recording_replaces_its_file_at_its_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let taxel = In(folder.path());
+    let names = ["a.mcap", "a.csv", "a.parquet"];
+    let files: Vec<&str> = names.iter().flat_map(|name| ["--out", name]).collect();
+    let typed = |words: &[&'static str]| [words, &files, &["--force"]].concat();
+    let write = |name: &&str| std::fs::write(folder.path().join(name), "a quarter of an hour");
+    names.iter().for_each(|name| write(name).unwrap());
+    let before = taxel.files();
+    // A finger without the matrix gives no row.
+    taxel.fails(1, &typed(&["calibrate", "record", "--port", "sim:mems-bare"]));
+    assert_eq!(taxel.files(), before);
+    // A killed recording leaves the former file and its own rows.
+    let mut child = taxel.command(&typed(&["record", "--port", "sim:press"])).spawn().unwrap();
+    let parts = ["a.mcap.part.mcap", "a.csv.part.csv", "a.parquet.part.mcap"];
+    let (begun, patience) = (Instant::now(), Duration::from_secs(20));
+    while !parts
+        .iter()
+        .all(|part| Recording::open(&folder.path().join(part)).is_ok_and(|rows| rows.count() > 100))
+    {
+        assert!(begun.elapsed() < patience, "no rows");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    for (name, part) in names.iter().zip(parts) {
+        assert_eq!(taxel.files()[*name], before[*name], "{name}");
+        let again =
+            ["record", "--port", "sim:press", "--duration", "0.2", "--out", name, "--force"];
+        let error = taxel.fails(1, &again);
+        let mend = ["export", part, "--out", name, "--force"];
+        assert!(error.contains(&format!("`taxel {}`", mend.join(" "))), "{error}");
+        std::fs::remove_file(folder.path().join(part)).unwrap();
+        taxel.succeeds(&again);
+        assert!(rows(&folder.path().join(name)).len() > 50, "{name}");
+    }
+    assert_eq!(taxel.files().len(), names.len());
+}
+
 /// Unplugs a finger and plugs it in again, or another one in its place.
 #[test]
 fn recording_resumes_only_with_same_finger() {

@@ -9,16 +9,10 @@ use crate::recording::{Existing, Header, Recording, Sink};
 /// Writer that no build without the feature can create.
 pub(crate) enum Writer {}
 
-pub(crate) use Writer as Spooled;
-
-fn refused<T>(path: &Path) -> Result<T, FileError> {
+pub(crate) fn refused<T>(path: &Path) -> Result<T, FileError> {
     Err(FileError::new(path, "this small build knows only .csv").mend(
         "the full command knows .mcap and .parquet: `cargo install --path host-tools/cli` in the repository",
     ))
-}
-
-pub(crate) fn check(path: &Path) -> Result<(), FileError> {
-    refused(path)
 }
 
 pub(crate) fn open(path: &Path) -> Result<Recording, FileError> {

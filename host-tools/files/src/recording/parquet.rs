@@ -4,9 +4,8 @@
 //! `fx_n_withheld`, the reason in words for a missing value. Facts and calibration are key-value
 //! metadata.
 //!
-//! A Parquet file is unreadable without its end, so it is unsafe to write while a stream runs. The
-//! rows go to an MCAP file next to it and become Parquet at the end. After a crash `taxel export`
-//! converts them.
+//! A Parquet file is unreadable without its end, so it is unsafe to write while a stream runs:
+//! `spooled.rs` keeps the rows meanwhile.
 
 use std::fs::File;
 use std::io::BufWriter;
@@ -29,81 +28,12 @@ use parquet::schema::types::{Type, TypePtr};
 use taxel::measured::NoValue;
 
 use crate::recording::header::Header;
-use crate::recording::{Existing, Recording, Sink, begin, in_order, mcap};
+use crate::recording::{Existing, Recording, Sink, begin, in_order};
 
 const WITHHELD: &str = "_withheld";
 const CALIBRATION: &str = "calibration";
 /// Rows in memory before a write: four seconds of the fastest stream.
 const GROUP: usize = 16_384;
-
-/// Path of a stream's rows until they become a table.
-fn spool(path: &Path) -> PathBuf {
-    path.with_extension("parquet.part.mcap")
-}
-
-/// Rejects a path with rows of a killed recording, which must never be overwritten.
-pub(crate) fn check(path: &Path) -> Result<(), FileError> {
-    let spool = spool(path);
-    if !spool.exists() {
-        return Ok(());
-    }
-    let (part, whole) = (spool.display(), path.display());
-    let mend = format!("`taxel export {part} --out {whole}`, then remove it, and record again");
-    Err(FileError::new(&spool, "has the rows of a recording that was killed").mend(mend))
-}
-
-/// Writer of a stream through an MCAP file.
-pub(crate) struct Spooled {
-    path: PathBuf,
-    existing: Existing,
-    spool: PathBuf,
-    rows: mcap::Writer,
-}
-
-impl Spooled {
-    pub(crate) fn create(
-        path: &Path,
-        header: &Header,
-        columns: &[Column],
-        existing: Existing,
-    ) -> Result<Self, FileError> {
-        let spool = spool(path);
-        let rows = mcap::Writer::create(&spool, header, columns, Existing::Keep)?;
-        Ok(Self { path: path.to_owned(), existing, spool, rows })
-    }
-}
-
-impl Sink for Spooled {
-    fn write(&mut self, row: &[Cell]) -> Result<(), FileError> {
-        self.rows.write(row)
-    }
-
-    fn flush(&mut self) -> Result<(), FileError> {
-        self.rows.flush()
-    }
-
-    /// Converts the rows to Parquet.
-    fn finish(self: Box<Self>) -> Result<(), FileError> {
-        let Self { path, existing, spool, rows } = *self;
-        Box::new(rows).finish()?;
-        let kept = |error: FileError| {
-            error.mend(format!(
-                "all rows are in {}; fix the cause, then `taxel export` it",
-                spool.display()
-            ))
-        };
-        let turned = || {
-            let rows = mcap::open(&spool)?;
-            let mut table = Writer::create(&path, &rows.header, &rows.columns, existing)?;
-            for row in rows {
-                table.write(&row?)?;
-            }
-            Box::new(table).finish()
-        };
-        turned().map_err(kept)?;
-        std::fs::remove_file(&spool).map_err(|error| FileError::io(&spool, &error))
-    }
-}
 
 /// Writer of a table, which is unreadable before its end.
 pub(crate) struct Writer {

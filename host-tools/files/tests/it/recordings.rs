@@ -202,7 +202,7 @@ fn judged(path: &Path, rows: &[Vec<Cell>], ended: bool) -> Result<(bool, bool), 
 /// Writes a recording in chunks, and ends it or not.
 fn chunked(path: &Path, rows: &[Vec<Cell>], ended: bool) {
     let mut recorder =
-        Recorder::create(path, &header(), &all_columns(), Existing::Replace).unwrap();
+        Recorder::derived(path, &header(), &all_columns(), Existing::Replace).unwrap();
     for chunk in rows.chunks(CHUNK) {
         chunk.iter().for_each(|row| recorder.write(row).unwrap());
         recorder.flush().unwrap();

@@ -49,14 +49,14 @@ Examples:
 pub fn run(args: Args) -> anyhow::Result<()> {
     let Args { port, out, overwrite, rate, page } = args;
     let names = out.iter().map(|out| out.display().to_string()).collect::<Vec<_>>().join(", ");
-    let files = out.clone();
+    let new: Vec<PathBuf> = out.iter().filter(|out| !out.exists()).cloned().collect();
     let (duration, fields, hold_row) = (None, None, None);
     let record =
         record::Args { port, out, overwrite, duration, fields, rate, hold_row, page, json: false };
     // Elsewhere than on a terminal each change of the step is a line of its own.
     let terminal = std::io::stderr().is_terminal();
     let mut guide: Option<Guide> = None;
-    let (mut told, mut refused) = (None, false);
+    let (mut told, mut begun, mut refused) = (None, false, false);
     let recorded = record::guided(record, |info, next| {
         let second = u16::try_from(info.rate_millihertz / 1000).unwrap_or(u16::MAX);
         let guide = guide.get_or_insert_with(|| Guide::new(second));
@@ -64,16 +64,17 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             Next::Frame(received) => {
                 let codes = received.frame.codes.filter(|codes| codes.taxels.is_some());
                 let Some(codes) = codes else {
-                    refused = true;
+                    refused = !begun;
                     anyhow::bail!(
                         "{names}: the frames have no codes of the optical matrix, which shows where \
                          it is pressed; use `taxel record`"
                     );
                 };
+                begun = true;
                 guide.add(received.frame.time, &codes, known(&received.frame));
             }
             Next::Progress(words) if terminal => {
-                *words =
+                **words =
                     format!("{words}; Ctrl-C ends it\n  {}\n{}", guide.step(), guide.picture());
             }
             Next::Progress(_) => {}
@@ -90,8 +91,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         Ok(ControlFlow::Continue(()))
     });
     if refused {
-        // The file has nothing that a fit could use. A device or a pipe stays.
-        for file in files.iter().filter(|file| file.is_file()) {
+        // The new file has no row, and a former one was not replaced. A device or a pipe stays.
+        for file in new.iter().filter(|file| file.is_file()) {
             let _ = std::fs::remove_file(file);
         }
     }
