@@ -24,7 +24,7 @@ mod verdict;
 
 pub use coverage::Coverage;
 pub use figures::Figures;
-pub use judge::{About, Report, Trial, judge, judge_by_clocks};
+pub use judge::{About, Report, Trial, judge};
 pub use map::{ErrorMap, Region};
 pub use series::{Kind, Series};
 pub use stated::Stated;

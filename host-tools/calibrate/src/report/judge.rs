@@ -1,5 +1,7 @@
 //! Report of a finger's calibration, ready to be printed or drawn.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use crate::finger::Channel;
 use crate::recording::Recording;
 use nalgebra::Matrix3;
@@ -8,6 +10,8 @@ use taxel::calibration::Calibration;
 use taxel::estimate::array::WrenchMethod;
 use taxel::estimate::quantised::{GROUP, Net};
 use taxel::scan::SENSORS;
+use taxel_regress::error::FitError;
+use taxel_regress::network::Progress;
 
 use super::channels::channels;
 use super::coverage::{self, Coverage};
@@ -113,26 +117,39 @@ pub struct Angle {
 }
 
 /// Judges `calibration` on the recordings `judged`; `fitted` are those of the fit, if known.
-#[must_use]
-pub fn judge(calibration: &Calibration, judged: &[Recording], fitted: &[Recording]) -> Report {
-    judge_by_clocks(calibration, judged, fitted, &[])
-}
-
-/// Judges as [`judge`], where the clocks of some references may hide a lag of the finger.
 ///
-/// `hidden` tells it of each judged recording; it is empty if all labels have the finger's clock.
-/// Forces are judged at rest in such a recording.
-#[must_use]
-pub fn judge_by_clocks(
+/// `hidden` tells of each judged recording whether the clock of its reference may hide a lag of the
+/// finger; it is empty if all labels have the finger's clock. Forces are judged at rest in such a
+/// recording.
+///
+/// # Errors
+///
+/// `stop` became true.
+pub fn judge(
     calibration: &Calibration,
     judged: &[Recording],
     fitted: &[Recording],
     hidden: &[bool],
-) -> Report {
+    progress: &mut dyn FnMut(Progress),
+    stop: &AtomicBool,
+) -> Result<Report, FitError> {
     let hides = |i: usize| hidden.get(i).copied().unwrap_or(false);
+    let of = judged.iter().chain(fitted).map(|recording| recording.samples.len()).sum();
+    let mut before = 0;
+    let mut run = |recording: &Recording| {
+        let series = series::run(calibration, recording, &mut |row| {
+            progress(Progress { part: recording.name.clone(), step: before + row, of, error: 0.0 });
+            !stop.load(Ordering::Relaxed)
+        });
+        before += recording.samples.len();
+        series
+    };
     let trials = judged.iter().enumerate();
-    let trials: Vec<Trial> = trials.map(|(i, r)| trial(calibration, r, hides(i))).collect();
-    let seen: Vec<Vec<Series>> = fitted.iter().map(|r| series::run(calibration, r)).collect();
+    let trials: Vec<Trial> = trials.map(|(i, r)| trial(r, run(r), hides(i))).collect();
+    let seen: Vec<Vec<Series>> = fitted.iter().map(run).collect();
+    if stop.load(Ordering::Relaxed) {
+        return Err(FitError::Stopped);
+    }
     let heard: Vec<Vec<Series>> = trials.iter().map(|trial| trial.series.clone()).collect();
     let coverage = coverage::maps(&seen, &heard);
     let mut warnings = doubts::not_held_out(judged, fitted);
@@ -140,7 +157,7 @@ pub fn judge_by_clocks(
     warnings.extend(doubts::doubts(calibration, fitted));
     let about = about(calibration, if fitted.is_empty() { judged } else { fitted });
     let report = assemble(about, warnings, trials, coverage, (&verdict::of_finger(), held_out));
-    Report { channels: channels(calibration, judged), ..report }
+    Ok(Report { channels: channels(calibration, judged), ..report })
 }
 
 /// Assembles the report with its verdict and adds warnings about coverage.
@@ -258,8 +275,7 @@ fn net_model(net: &Net) -> String {
     format!("16 taxels → {units} tanh units → {}{skip}{form}", net.outputs())
 }
 
-fn trial(calibration: &Calibration, recording: &Recording, hidden: bool) -> Trial {
-    let mut series = series::run(calibration, recording);
+fn trial(recording: &Recording, mut series: Vec<Series>, hidden: bool) -> Trial {
     if hidden {
         series::leave_changing_out(&mut series, recording);
     }

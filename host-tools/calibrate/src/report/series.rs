@@ -26,6 +26,8 @@ pub enum Kind {
 const BESIDE_US: u64 = 20_000;
 /// Largest change of a label at rest, as a share of the largest force.
 const AT_REST: f64 = 0.01;
+/// Rows between two questions whether to go on.
+const ASKED: usize = 512;
 
 /// Units by the last part of a column's name.
 const UNITS: [(&str, &str); 8] = [
@@ -188,8 +190,13 @@ pub(crate) fn extent(values: impl Iterator<Item = f64>) -> (f64, f64) {
 
 /// Series of every reference column that the calibration estimates.
 ///
-/// On the bench, with only one calibrated sensor, `fx_n` … are the force on that sensor.
-pub(crate) fn run(calibration: &Calibration, recording: &Recording) -> Vec<Series> {
+/// On the bench, with only one calibrated sensor, `fx_n` … are the force on that sensor. `goes_on`
+/// is asked now and then, with the number of the row; the series ends where it says no.
+pub(crate) fn run(
+    calibration: &Calibration,
+    recording: &Recording,
+    goes_on: &mut dyn FnMut(usize) -> bool,
+) -> Vec<Series> {
     let mut all: Vec<Series> = Kind::all().map(Series::empty).collect();
     let noise = recording.still_noise();
     for series in &mut all {
@@ -202,6 +209,9 @@ pub(crate) fn run(calibration: &Calibration, recording: &Recording) -> Vec<Serie
     let begin = recording.samples.first().map_or(0, |sample| sample.scan.time.0);
     let presses = presses(recording);
     for (at, (sample, press)) in recording.samples.iter().zip(presses).enumerate() {
+        if at % ASKED == 0 && !goes_on(at) {
+            break;
+        }
         let estimate = finger.estimate(&mut state, &sample.scan);
         let time = sample.scan.time.0.saturating_sub(begin) as f64 * 1e-6;
         let place = match sample.truth.point {

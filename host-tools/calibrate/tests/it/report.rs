@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use taxel::calibration::Calibration;
 use taxel_calibrate::recording::Recording;
-use taxel_calibrate::report::{Report, html};
+use taxel_calibrate::report::{self, Report, html};
 use taxel_files::table::Table;
 use taxel_files::trace::Sample;
 use taxel_regress::model::Family;
@@ -46,6 +46,21 @@ fn calibration() -> Calibration {
     taxel_files::calibration::read(path).unwrap()
 }
 
+/// Judges the virtual finger's calibration without a break.
+fn judge(judged: &[Recording], fitted: &[Recording], hidden: &[bool]) -> Report {
+    judge_record(&calibration(), judged, fitted, hidden)
+}
+
+fn judge_record(
+    calibration: &Calibration,
+    judged: &[Recording],
+    fitted: &[Recording],
+    hidden: &[bool],
+) -> Report {
+    let go_on = AtomicBool::new(false);
+    report::judge(calibration, judged, fitted, hidden, &mut |_| {}, &go_on).unwrap()
+}
+
 /// Warnings on one judged and three fitted recordings with every row spoiled.
 fn of_finger(spoil: fn(&mut Sample)) -> Vec<String> {
     let spoiled = |seed| {
@@ -54,7 +69,7 @@ fn of_finger(spoil: fn(&mut Sample)) -> Vec<String> {
         recording
     };
     let fitted = [1, 2, 3].map(spoiled);
-    warnings(&taxel_calibrate::report::judge(&calibration(), &[spoiled(4)], &fitted))
+    warnings(&judge(&[spoiled(4)], &fitted, &[]))
 }
 
 #[test]
@@ -91,22 +106,19 @@ fn duplicate_taxel_and_constant_sensor_are_named() {
 #[test]
 fn few_unknown_or_judged_recordings_raise_warnings() {
     let all = [1, 2, 3, 4].map(finger);
-    let judge = |judged: usize, fitted: &[Recording]| {
-        warnings(&taxel_calibrate::report::judge(&calibration(), &all[judged..=judged], fitted))
-    };
-    assert_begin(&judge(3, &all[..2]), &["fitted to 2 recordings: with 3 or more"]);
-    assert_begin(&judge(3, &[]), &["the recordings that the calibration was fitted to were not"]);
-    assert_begin(&judge(1, &all[..3]), &["2.csv: the calibration was fitted to these rows"]);
+    let of =
+        |judged: usize, fitted: &[Recording]| warnings(&judge(&all[judged..=judged], fitted, &[]));
+    assert_begin(&of(3, &all[..2]), &["fitted to 2 recordings: with 3 or more"]);
+    assert_begin(&of(3, &[]), &["the recordings that the calibration was fitted to were not"]);
+    assert_begin(&of(1, &all[..3]), &["2.csv: the calibration was fitted to these rows"]);
     // A copy has another name, and may have another reference.
     let mut copy = Recording { name: "copy.csv".into(), ..all[1].clone() };
     copy.samples.iter_mut().for_each(|sample| {
         sample.truth.force[2] = sample.truth.force[2].map(|force| 1.01 * force);
     });
-    let copied = taxel_calibrate::report::judge(&calibration(), &[copy], &all[..3]);
+    let copied = judge(&[copy], &all[..3], &[]);
     assert_begin(&warnings(&copied), &["copy.csv: the calibration was fitted to these rows"]);
-    let doubts = |fitted: &[Recording]| {
-        taxel_calibrate::report::judge(&calibration(), &all[3..], fitted).verdict.doubts
-    };
+    let doubts = |fitted: &[Recording]| judge(&all[3..], fitted, &[]).verdict.doubts;
     assert_begin(&doubts(&[]), &["not known whether these rows were fitted to"]);
     assert_begin(&doubts(&all[..3]), &[]);
 }
@@ -118,7 +130,7 @@ fn share_of_loads_beyond_the_fit_is_warned_of() {
         sample.truth.force = sample.truth.force.map(|force| Some(3.0 * force?));
     }
     let fitted = [1, 2, 3].map(finger);
-    let found = warnings(&taxel_calibrate::report::judge(&calibration(), &[beyond], &fitted));
+    let found = warnings(&judge(&[beyond], &fitted, &[]));
     let told = |y: &str| {
         let end = format!("% of the judged rows lie where nothing was fitted to ({y} over fx_n):");
         found.iter().any(|warning| warning.contains(&end))
@@ -135,7 +147,7 @@ fn channels_name_faults_and_unused_columns() {
     }
     let mut calibration = calibration();
     calibration.sensors[3] = None;
-    let report = taxel_calibrate::report::judge(&calibration, &[judged], &[]);
+    let report = judge_record(&calibration, &[judged], &[], &[]);
     let of = |begins: &str| {
         let channel = report.channels.iter().find(|channel| channel.columns.starts_with(begins));
         channel.unwrap_or_else(|| panic!("{begins}: {:?}", report.channels))
@@ -238,15 +250,13 @@ fn table_rows_beyond_training_are_counted() {
 #[test]
 fn short_presses_behind_a_hidden_lag_are_not_judged() {
     let judged = [finger(4)];
-    let judge = |hidden: &[bool]| {
-        taxel_calibrate::report::judge_by_clocks(&calibration(), &judged, &[finger(1)], hidden)
-    };
+    let by = |hidden: &[bool]| judge(&judged, &[finger(1)], hidden);
     let forces = |report: &Report| -> Vec<Option<bool>> {
         let needs = report.verdict.needs.iter();
         needs.filter(|need| need.quantity == "normal force").map(|need| need.met).collect()
     };
-    assert!(!forces(&judge(&[false])).contains(&None));
-    let hidden = judge(&[true]);
+    assert!(!forces(&by(&[false])).contains(&None));
+    let hidden = by(&[true]);
     assert_eq!(forces(&hidden), [None; 3], "{:?}", hidden.verdict);
     let changing = "changing forces: a clock offset may hide a lag";
     assert_eq!(hidden.verdict.not_judged[0], changing);

@@ -12,6 +12,7 @@ mod transfer;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use indicatif::{ProgressBar, ProgressStyle};
+use taxel_regress::network::Progress;
 
 /// Records for, fits, evaluates, adjusts and transfers calibrations.
 #[derive(clap::Args)]
@@ -69,4 +70,11 @@ fn bar(message: &'static str) -> anyhow::Result<ProgressBar> {
     bar.set_message(message);
     bar.enable_steady_tick(Duration::from_millis(100));
     Ok(bar)
+}
+
+/// Shows progress on a bar.
+fn show(bar: &ProgressBar, Progress { part, step, of, .. }: Progress) {
+    bar.set_length(of as u64);
+    bar.set_position(step as u64);
+    bar.set_message(part);
 }

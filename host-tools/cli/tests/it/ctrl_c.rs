@@ -92,6 +92,17 @@ impl OnTerminal {
         self.said.recv_timeout(UNDER_WAY).unwrap_or_default()
     }
 
+    /// Waits until the command has said this.
+    fn until(&mut self, words: &str) -> Vec<u8> {
+        let mut said = self.under_way();
+        let deadline = Instant::now() + PATIENCE;
+        while !String::from_utf8_lossy(&said).contains(words) {
+            said.extend(self.said.recv_timeout(UNDER_WAY).unwrap_or_default());
+            assert!(Instant::now() < deadline, "{}", String::from_utf8_lossy(&said));
+        }
+        said
+    }
+
     /// Presses Ctrl-C. Returns the end, the time until then and the output.
     fn ctrl_c(mut self, mut said: Vec<u8>) -> (ExitStatus, Duration, String) {
         let pressed = Instant::now();
@@ -175,17 +186,30 @@ fn guided_recording_shows_its_map_and_is_whole_after_ctrl_c() {
     let line = "calibrate record --port sim:presses --out presses.mcap --out presses.csv";
     let args: Vec<&str> = line.split_whitespace().collect();
     let mut command = OnTerminal::start(folder, &args);
-    let mut said = command.under_way();
-    let deadline = Instant::now() + PATIENCE;
-    while !String::from_utf8_lossy(&said).contains("press the middle 3 times") {
-        said.extend(command.said.recv_timeout(UNDER_WAY).unwrap_or_default());
-        assert!(Instant::now() < deadline, "{}", String::from_utf8_lossy(&said));
-    }
+    let said = command.until("press the middle 3 times");
     let said = interrupted(folder, line, command, said, End::Finished);
     assert!(said.contains("touch nothing for a second") && said.contains("  r3 [···"), "{said}");
     assert!(said.contains("ended early; next: press"), "{said}");
     let frames = ["presses.mcap", "presses.csv"].map(|name| whole(&folder.join(name)));
     assert!(frames[0] > 100 && frames[0] == frames[1], "{frames:?}");
+}
+
+#[test]
+fn report_shows_progress_and_writes_nothing_after_ctrl_c() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = directory.path();
+    let calibration = concat!(env!("CARGO_MANIFEST_DIR"), "/../emulator/data/finger.cal.toml");
+    std::fs::copy(calibration, folder.join("cal.toml")).unwrap();
+    In(folder).succeeds(&["simulate", "--scene", "tour", "--out", "tour.csv"]);
+    let judged = "--data tour.csv ".repeat(20);
+    let line = format!("calibrate report {judged}--calibration cal.toml --out report.html");
+    let args: Vec<&str> = line.split_whitespace().collect();
+    let mut command = OnTerminal::start(folder, &args);
+    let mut said = command.until("reading the recordings");
+    said.extend(command.until("tour.csv "));
+    let said = interrupted(folder, &line, command, said, End::Failed);
+    assert!(said.contains("stopped early; nothing was written"), "{said}");
+    assert!(!folder.join("report.html").exists());
 }
 
 /// Opens a serial device that nobody answers on.

@@ -9,10 +9,9 @@ use taxel_files::calibration;
 use taxel_files::recording::Scans;
 use taxel_files::stretch::Stretch;
 use taxel_regress::error::FitError;
-use taxel_regress::network::Progress;
 
 use super::data::{self, Aligned};
-use super::{bar, now};
+use super::{bar, now, show};
 use crate::interrupt::Interrupt;
 use crate::output::{self, Overwrite};
 
@@ -205,11 +204,7 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     // Before this Ctrl-C ends the process as the system does.
     let interrupt = Interrupt::watch()?;
     interrupt.outcome("; nothing was written");
-    let mut progress = |progress: Progress| {
-        bar.set_length(progress.of as u64);
-        bar.set_position(progress.step as u64);
-        bar.set_message(progress.part);
-    };
+    let mut progress = |progress| show(&bar, progress);
     let adjusted = match adjust::adjust(&old, &recordings, now(), &mut progress, interrupt.flag()) {
         Err(FitError::Stopped) => anyhow::bail!("stopped early; nothing was written"),
         adjusted => adjusted?,

@@ -4,13 +4,15 @@ use std::path::PathBuf;
 use std::time::{Duration, UNIX_EPOCH};
 
 use humantime::format_rfc3339_seconds;
-use taxel_calibrate::report::{html, judge_by_clocks, table};
+use taxel_calibrate::report::{html, judge, table};
 use taxel_files::calibration::{self, Kind};
 use taxel_files::stretch::Stretch;
+use taxel_regress::error::FitError;
 use taxel_regress::table::TableModel;
 
 use super::data::Aligned;
-use super::{data, now};
+use super::{bar, data, now, show};
+use crate::interrupt::Interrupt;
 use crate::output::{self, Overwrite};
 
 /// Writes an HTML page on a calibration: verdict, errors over the pad, figures, plots, warnings.
@@ -65,7 +67,14 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         &args.out,
         args.overwrite,
     )?;
-    let mut report = match calibration::kind(&args.calibration)? {
+    let bar = bar("reading the recordings")?;
+    // While it reads, Ctrl-C ends the process as the system does.
+    let watch = || {
+        let interrupt = Interrupt::watch()?;
+        interrupt.outcome("; nothing was written");
+        anyhow::Ok(interrupt)
+    };
+    let (mut report, interrupt) = match calibration::kind(&args.calibration)? {
         Kind::Finger => {
             let calibration = calibration::read(&args.calibration)?;
             let judged = data::traces(&args.data, (&args.reference, args.cell), calibration.lag)?;
@@ -76,11 +85,17 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             )?;
             judged.note();
             let hidden: Vec<bool> = judged.alignments.iter().map(Aligned::hides_lag).collect();
-            let mut report =
-                judge_by_clocks(&calibration, &judged.recordings, &fitted.recordings, &hidden);
+            let interrupt = watch()?;
+            let (recordings, fitted) = (&judged.recordings, &fitted.recordings);
+            let (mut progress, stop) = (|progress| show(&bar, progress), interrupt.flag());
+            let report = judge(&calibration, recordings, fitted, &hidden, &mut progress, stop);
+            let mut report = match report {
+                Err(FitError::Stopped) => anyhow::bail!("stopped early; nothing was written"),
+                report => report?,
+            };
             report.channels.extend(data::other_columns(&args.data)?);
             report.channels.extend(data::other_reference_columns(&judged.alignments));
-            report
+            (report, interrupt)
         }
         Kind::Table => {
             let model: TableModel = calibration::read_table(&args.calibration)?;
@@ -90,7 +105,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
             let judged = read(&args.data, &args.reference)?;
             let fitted = read(&args.fitted_to, &args.fitted_reference)?;
             judged.note();
-            table::judge(&model, &judged.recordings, &fitted.recordings)
+            let interrupt = watch()?;
+            (table::judge(&model, &judged.recordings, &fitted.recordings), interrupt)
         }
     };
     for trial in &report.trials {
@@ -105,6 +121,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     let date =
         |seconds| format_rfc3339_seconds(UNIX_EPOCH + Duration::from_secs(seconds)).to_string();
     let page = html::page(&report, &date(now()), &date(report.about.date));
+    interrupt.finishing();
+    bar.finish_and_clear();
     taxel_files::save(&args.out, page)?;
     for warning in report.warnings.iter().chain(&report.simulated) {
         output::note(format_args!("taxel: warning: {warning}"));
