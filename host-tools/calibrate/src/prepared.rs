@@ -193,9 +193,22 @@ impl<'r> Prepared<'r> {
     }
 }
 
-/// Largest noise of each component of the reference in any recording, at rest.
+/// Noise of each component of the reference at rest, over the rows of all recordings that have it.
 pub(crate) fn reference_noise(recordings: &[&Prepared<'_>]) -> [f64; 3] {
-    let each = recordings.iter().map(|prepared| prepared.recording.reference_noise());
+    let (mut squares, mut rows) = ([0.0; 3], [0.0; 3]);
+    for recording in recordings.iter().map(|prepared| &prepared.recording) {
+        for (k, noise) in recording.reference_noise().into_iter().enumerate() {
+            let known = recording.samples.iter().filter(|s| s.truth.force[k].is_some()).count();
+            squares[k] += known as f64 * noise * noise;
+            rows[k] += known as f64;
+        }
+    }
+    std::array::from_fn(|k| f64::sqrt(squares[k] / f64::max(rows[k], 1.0)))
+}
+
+/// Largest [`Recording::noise_with_flanks`] of each component in any recording.
+pub(crate) fn noise_with_flanks(recordings: &[&Prepared<'_>]) -> [f64; 3] {
+    let each = recordings.iter().map(|prepared| prepared.recording.noise_with_flanks());
     each.fold([0.0; 3], |most, noise| std::array::from_fn(|k| most[k].max(noise[k])))
 }
 

@@ -19,7 +19,7 @@ const USUAL_FRICTION: f32 = 0.6;
 /// Exponent of Hertz's pressure in the power law of [Ospina2017].
 const HERTZ: f64 = 2.0;
 
-/// Noise of each component of the reference: the largest at rest in any recording, or that given.
+/// Noise of each component of the reference: that at rest, or that given.
 ///
 /// A given one below that at rest is not taken: it would ruin the model of the skin.
 pub(super) fn noise_of_reference(
@@ -27,7 +27,7 @@ pub(super) fn noise_of_reference(
     recordings: &[&Prepared<'_>],
     given: Option<f64>,
 ) -> [f64; 3] {
-    let found = prepared::reference_noise(recordings);
+    let found = prepared::noise_with_flanks(recordings);
     let [least, most] = [f64::min, f64::max].map(|of| found.into_iter().fold(found[0], of));
     let Some(given) = given else { return found };
     if given < 0.5 * least {

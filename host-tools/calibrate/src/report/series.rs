@@ -198,7 +198,7 @@ pub(crate) fn run(
     goes_on: &mut dyn FnMut(usize) -> bool,
 ) -> Vec<Series> {
     let mut all: Vec<Series> = Kind::all().map(Series::empty).collect();
-    let noise = recording.still_noise();
+    let noise = recording.reference_noise();
     for series in &mut all {
         if let Kind::Force(axis) = series.kind {
             series.label_noise = noise[axis];
@@ -245,7 +245,7 @@ pub(crate) fn run(
 ///
 /// A row is at rest if no component differs from it by more than [`AT_REST`] within [`BESIDE_US`].
 pub(crate) fn leave_changing_out(all: &mut [Series], recording: &Recording) {
-    let noise = recording.still_noise().into_iter().fold(0.0, f64::max);
+    let noise = recording.reference_noise().into_iter().fold(0.0, f64::max);
     let forces = all.iter().filter(|series| matches!(series.kind, Kind::Force(_)));
     let peak = forces.map(|series| extent(series.reference.iter().map(|f| f.abs())).1);
     let most = AT_REST * peak.fold(0.0, f64::max) + 4.0 * noise;
