@@ -81,7 +81,10 @@ impl Recording {
             return Ok((alignment, None));
         }
         let own_times: Vec<f64> = clock.iter().map(|t| alignment.own_time(*t)).collect();
-        let hidden = lag::hidden(sensor, Series { times: &own_times, ..other });
+        // A cubic through four readings has four fifths of their variance on average.
+        let noise = self.reference_noise().map(|noise| f64::sqrt(1.25) * noise);
+        let noise: Vec<f64> = axes.iter().map(|axis| noise[*axis]).collect();
+        let hidden = lag::hidden(sensor, Series { times: &own_times, ..other }, &noise);
         if let Some(hidden) = hidden {
             alignment.offset += hidden;
             self.read(&times, &alignment, (other, &axes, &name))?;
