@@ -161,6 +161,14 @@ pub(crate) fn components(force: &Force) -> [Result<f32, NoValue>; 3] {
     [force.x, force.y, force.z].map(|component| component.map(|newtons| newtons.0))
 }
 
+/// Squared error of a component of a force, the square of which is `size`.
+///
+/// Without an estimate the component is off by the size of the force: a component of zero would
+/// reward a finger that says nothing.
+pub(crate) fn square(found: Option<f64>, known: f64, size: impl FnOnce() -> f64) -> f64 {
+    found.map_or_else(size, |found| (found - known).powi(2))
+}
+
 /// Adds the errors of a row's estimates, with the standard deviations that it states.
 fn compare<const N: usize>(
     errors: &mut [Errors; N],

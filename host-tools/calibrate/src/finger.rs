@@ -26,6 +26,7 @@ use crate::recording::Recording;
 use crate::shear;
 use crate::warmth;
 pub use channels::Channel;
+pub(crate) use channels::{Columns, List, SUPPLY};
 use taxel_regress::error::FitError;
 use taxel_regress::model::Family;
 use taxel_regress::network::{NetOptions, Progress};

@@ -124,13 +124,15 @@ pub fn record(calibration: &Calibration) -> anyhow::Result<Vec<u8>> {
 
 /// Parses a number whose range the finger knows.
 ///
-/// A number that 16 bits cannot hold becomes the largest, which the finger refuses with its range.
-///
 /// # Errors
 /// The text is not a whole number.
 pub fn checked_by_finger(text: &str) -> Result<u16, String> {
-    let number: i64 = text.parse().map_err(|_| "expected a whole number".to_owned())?;
-    Ok(u16::try_from(number).unwrap_or(u16::MAX))
+    text.parse().map(in_16_bits).map_err(|_| "expected a whole number".to_owned())
+}
+
+/// Makes a number that 16 bits cannot hold the largest, which the finger refuses with its range.
+pub fn in_16_bits(number: i64) -> u16 {
+    u16::try_from(number).unwrap_or(u16::MAX)
 }
 
 /// Parses the address for `--tcp`.

@@ -2,10 +2,15 @@
 
 use serde::Serialize;
 use taxel::scan::SENSORS;
-use taxel_files::trace::Sample;
+use taxel_files::trace::{Sample, sensor_truth_names};
 
 use super::Fitted;
+use crate::evaluate::POINT;
 use crate::recording::Recording;
+use taxel_regress::shear::FORCES;
+
+/// Reason why nothing uses the channel of the supply.
+pub(crate) const SUPPLY: &str = "codes are fractions of the same reference";
 
 /// A group of recorded columns and its use.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -28,6 +33,89 @@ impl Channel {
     }
 }
 
+/// Group of recorded columns.
+#[derive(Clone, Copy)]
+pub(crate) enum Columns {
+    Taxels,
+    Bridge(usize),
+    Temperature,
+    Supply,
+    Force,
+    Point,
+    Torsion,
+    /// Force on a sensor.
+    Sensor(usize),
+    Contact,
+    Slip,
+}
+
+impl Columns {
+    /// Names of the columns, as in a trace.
+    fn names(self) -> String {
+        match self {
+            Self::Taxels => "lit_*, dark_*".to_owned(),
+            Self::Bridge(i) => format!("bridge_s{i}_*"),
+            Self::Temperature => "aux_temp".to_owned(),
+            Self::Supply => "aux_vref".to_owned(),
+            Self::Force => FORCES.join(", "),
+            Self::Point => POINT.join(", "),
+            Self::Torsion => "torsion_nmm".to_owned(),
+            Self::Sensor(i) => sensor_truth_names(i).join(", "),
+            Self::Contact => "contact".to_owned(),
+            Self::Slip => "slip".to_owned(),
+        }
+    }
+
+    fn is_in(self, Sample { scan, truth, .. }: &Sample) -> bool {
+        let known = |values: &[Option<f64>]| values.iter().any(Option::is_some);
+        match self {
+            Self::Taxels => scan.codes.taxels.is_some(),
+            Self::Bridge(i) => scan.codes.bridges[i].is_some(),
+            Self::Temperature => scan.codes.temperature.is_some(),
+            Self::Supply => scan.codes.reference.is_some(),
+            Self::Force => known(&truth.force),
+            Self::Point => known(&truth.point),
+            Self::Torsion => truth.torsion.is_some(),
+            Self::Sensor(i) => known(&truth.sensors[i]),
+            Self::Contact => truth.contact.is_some(),
+            Self::Slip => truth.slip.is_some(),
+        }
+    }
+}
+
+/// List of the groups of columns that the recordings have.
+pub(crate) struct List<'r> {
+    recordings: &'r [Recording],
+    channels: Vec<Channel>,
+}
+
+impl<'r> List<'r> {
+    pub(crate) fn new(recordings: &'r [Recording]) -> Self {
+        Self { recordings, channels: Vec::new() }
+    }
+
+    /// Adds a group of columns if a recording has it, with the names of the parts that use it.
+    ///
+    /// Returns its entry. `why` counts only if nothing uses it.
+    pub(crate) fn add(
+        &mut self,
+        columns: Columns,
+        used: Vec<String>,
+        why: &str,
+    ) -> Option<&mut Channel> {
+        let mut samples = self.recordings.iter().flat_map(|recording| &recording.samples);
+        if !samples.any(|sample| columns.is_in(sample)) {
+            return None;
+        }
+        self.channels.push(Channel::new(&columns.names(), used, why));
+        self.channels.last_mut()
+    }
+
+    pub(crate) fn done(self) -> Vec<Channel> {
+        self.channels
+    }
+}
+
 /// Reasons of the fit for leaving out a force sensor.
 pub(super) type Reasons = [Option<String>; SENSORS];
 
@@ -37,7 +125,6 @@ pub(super) fn channels(
     recordings: &[Recording],
     reasons: &Reasons,
 ) -> Vec<Channel> {
-    let has = |of: &dyn Fn(&Sample) -> bool| recordings.iter().any(|r| r.samples.iter().any(of));
     let calibration = &fitted.calibration;
     let part = |begins: &str| -> Vec<String> {
         let names = fitted.parts.iter().map(|part| &part.name);
@@ -47,55 +134,32 @@ pub(super) fn channels(
         ["net", "skip", "linear", "model of"].iter().flat_map(|name| part(name)).collect();
     let array = part("array");
     let sensors: Vec<String> = (0..SENSORS).flat_map(|i| part(&format!("s{i}"))).collect();
-    let mut list = Vec::new();
-    if has(&|s| s.scan.codes.taxels.is_some()) {
-        let why = "no recording of a load on the finger";
-        list.push(Channel::new("lit_*, dark_*", optical.clone(), why));
-    }
+    let mut list = List::new(recordings);
+    list.add(Columns::Taxels, optical.clone(), "no recording of a load on the finger");
     for (i, reason) in reasons.iter().enumerate() {
-        if has(&|s| s.scan.codes.bridges[i].is_some()) {
-            let mut used = part(&format!("s{i}"));
-            if calibration.sensors[i].is_some() {
-                used.extend(array.clone());
-            }
-            let why = reason.as_deref().unwrap_or("no recording of a load on it");
-            list.push(Channel::new(&format!("bridge_s{i}_*"), used, why));
+        let mut used = part(&format!("s{i}"));
+        if calibration.sensors[i].is_some() {
+            used.extend(array.clone());
         }
+        let why = reason.as_deref().unwrap_or("no recording of a load on it");
+        list.add(Columns::Bridge(i), used, why);
     }
-    if has(&|s| s.scan.codes.temperature.is_some()) {
-        let used = calibration.warmth.map(|_| "temperature compensation".to_owned());
-        let why = "a recording with loads lacks it";
-        list.push(Channel::new("aux_temp", used.into_iter().collect(), why));
-    }
-    if has(&|s| s.scan.codes.reference.is_some()) {
-        let why = "codes are fractions of the same reference";
-        list.push(Channel::new("aux_vref", Vec::new(), why));
-    }
-    if has(&|s| s.truth.force.iter().any(Option::is_some)) {
-        let used = [&optical[..], &array[..]].concat();
-        let used = if used.is_empty() { sensors } else { used };
-        list.push(Channel::new("fx_n, fy_n, fz_n", used, "no part was fitted to the total force"));
-    }
-    if has(&|s| s.truth.point.iter().any(Option::is_some)) {
-        let mut used = part("model of");
-        used.extend(part("array of sensors 6x"));
-        used.extend(array.iter().filter(|name| *name == "array of sensors").cloned());
-        list.push(Channel::new(
-            "x_mm, y_mm",
-            used,
-            "neither model of the skin nor array was fitted",
-        ));
-    }
-    if has(&|s| s.truth.torsion.is_some()) {
-        let known = array.iter().filter(|name| !name.contains(" 3x")).cloned().collect();
-        list.push(Channel::new("torsion_nmm", known, "it needs contact points and an array"));
-    }
+    let used = calibration.warmth.map(|_| "temperature compensation".to_owned());
+    let why = "a recording with loads lacks it";
+    list.add(Columns::Temperature, used.into_iter().collect(), why);
+    list.add(Columns::Supply, Vec::new(), SUPPLY);
+    let used = [&optical[..], &array[..]].concat();
+    let used = if used.is_empty() { sensors } else { used };
+    list.add(Columns::Force, used, "no part was fitted to the total force");
+    let mut used = part("model of");
+    used.extend(part("array of sensors 6x"));
+    used.extend(array.iter().filter(|name| *name == "array of sensors").cloned());
+    list.add(Columns::Point, used, "neither model of the skin nor array was fitted");
+    let known = array.iter().filter(|name| !name.contains(" 3x")).cloned().collect();
+    list.add(Columns::Torsion, known, "it needs contact points and an array");
     for (i, reason) in reasons.iter().enumerate() {
-        if has(&|s| s.truth.sensors[i].iter().any(Option::is_some)) {
-            let columns = format!("s{i}_fx_n, s{i}_fy_n, s{i}_fz_n");
-            let why = reason.as_deref().unwrap_or("its matrix S was not fitted");
-            list.push(Channel::new(&columns, part(&format!("s{i}")), why));
-        }
+        let why = reason.as_deref().unwrap_or("its matrix S was not fitted");
+        list.add(Columns::Sensor(i), part(&format!("s{i}")), why);
     }
-    list
+    list.done()
 }

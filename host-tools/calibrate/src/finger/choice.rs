@@ -4,6 +4,7 @@
 use taxel::calibration::Calibration;
 use taxel::finger::Finger;
 
+use crate::evaluate;
 use crate::prepared::Prepared;
 use crate::recording::Recording;
 
@@ -54,8 +55,6 @@ impl Helped {
 }
 
 /// Squared errors of the finger's force in the touched rows of a recording, and their number.
-///
-/// Without a value the error is the size of the force.
 fn squares(calibration: &Calibration, recording: &Recording) -> ([f64; 3], f64) {
     let (finger, mut state) = Finger::new(Some(calibration.clone()));
     let touched = recording.touched().unwrap_or_default();
@@ -66,10 +65,10 @@ fn squares(calibration: &Calibration, recording: &Recording) -> ([f64; 3], f64) 
         if !touched {
             continue;
         }
-        let size = x * x + y * y + z * z;
-        for ((sum, found), known) in sum.iter_mut().zip([force.x, force.y, force.z]).zip([x, y, z])
-        {
-            *sum += found.map_or(size, |found| (f64::from(found.0) - known).powi(2));
+        let size = || x * x + y * y + z * z;
+        let found = evaluate::components(&force).into_iter().zip([x, y, z]);
+        for (sum, (found, known)) in sum.iter_mut().zip(found) {
+            *sum += evaluate::square(found.ok().map(f64::from), known, size);
         }
         rows += 1.0;
     }
@@ -82,12 +81,14 @@ fn all(errors: &[f64]) -> String {
     format!("{} mN", each.join(" "))
 }
 
-/// RMS errors on presses left out.
+/// RMS errors of model and net.
 pub(super) struct Judged {
     /// Errors of the model in the net's components, newtons.
     pub skin: Vec<f64>,
     /// Errors of the net in f_x, f_y, f_z or in f_z alone, newtons.
     pub net: Vec<f64>,
+    /// Whether the model's errors are on presses left out; otherwise those of its fit.
+    pub held_out: bool,
     /// Distances from the labelled place, of the model and of the centroid, mm; `None` without
     /// labels.
     pub place: Option<[f64; 2]>,
@@ -105,7 +106,7 @@ impl Judged {
     /// Lines that say what the finger runs, over what, by which errors.
     pub fn told(&self) -> Vec<String> {
         let (skin, net) = (all(&self.skin), all(&self.net));
-        let (kept, left_out) = (self.keeps_skin(), "on presses left out");
+        let (kept, left_out) = (self.keeps_skin(), self.left_out());
         let force = match (self.is_worse(), kept) {
             (false, _) => format!("model of the skin ({skin}) over net ({net}), {left_out}"),
             (true, true) => {
@@ -136,6 +137,14 @@ impl Judged {
         vec![format!("force from the matrix: {force}"), format!("contact point: {place}")]
     }
 
+    /// Rows that the errors are of.
+    pub fn left_out(&self) -> &'static str {
+        match self.held_out {
+            true => "on presses left out",
+            false => "on those of the fit, too few to leave any out",
+        }
+    }
+
     fn is_worse(&self) -> bool {
         let of = |errors: &[f64]| errors.iter().map(|e| e * e).sum::<f64>();
         of(&self.skin) >= of(&self.net)
@@ -157,7 +166,7 @@ mod tests {
 
     fn told(skin: [f64; 3], net: [f64; 3], place: Option<[f64; 2]>) -> (bool, String) {
         let milli = |errors: [f64; 3]| errors.map(|e| 1e-3 * e).to_vec();
-        let judged = Judged { skin: milli(skin), net: milli(net), place };
+        let judged = Judged { skin: milli(skin), net: milli(net), held_out: true, place };
         (judged.keeps_skin(), judged.told().join("\n"))
     }
 
@@ -171,6 +180,15 @@ mod tests {
         assert!(kept && told.contains("force sensors (10.0 10.0 20.0 mN) over"), "{told}");
         let (kept, told) = of([0.09, 0.09, 0.02], [0.015, 0.015, 0.01]);
         assert!(!kept && told.contains("matrix alone (15.0 15.0 10.0 mN) over"), "{told}");
+    }
+
+    #[test]
+    fn choice_on_presses_of_the_fit_says_so() {
+        let judged =
+            Judged { skin: vec![0.01], net: vec![0.02], held_out: false, place: Some([0.1, 0.2]) };
+        let lines = judged.told();
+        let told = |line: &String| line.ends_with("on those of the fit, too few to leave any out");
+        assert!(lines.iter().all(told), "{lines:?}");
     }
 
     #[test]

@@ -65,15 +65,15 @@ pub(super) fn keep_skin(fitted: &mut Fitted, skin: Skin) {
     let components = fitted.calibration.net.as_ref().map_or(1, Net::outputs).min(3);
     let net = taxels.residual[..components].iter().map(|e| f64::from(*e)).collect();
     let from = 3 - components;
-    let judged = choice::Judged { skin: residual[from..].to_vec(), net, place };
+    let judged = choice::Judged { skin: residual[from..].to_vec(), net, held_out, place };
     fitted.choices.extend(judged.told());
     if !judged.keeps_skin() {
         if place.is_some() {
-            fitted.warnings.push(
-                "the model of the skin meets neither force nor contact point of presses left out better than net and \
-                 centroid, and is left out"
-                    .into(),
-            );
+            fitted.warnings.push(format!(
+                "the model of the skin meets neither force nor contact point better than net and centroid, {}, and \
+                 is left out",
+                judged.left_out()
+            ));
         }
         return;
     }

@@ -3,69 +3,56 @@
 use taxel::calibration::Calibration;
 use taxel::condition::Health;
 use taxel::scan::{COLS, SENSORS, TAXELS};
-use taxel_files::trace::Sample;
 
-use crate::finger::Channel;
+use crate::finger::{Channel, Columns, List, SUPPLY};
 use crate::recording::Recording;
 
 /// Lists the columns of the recordings with the parts of the calibration that use them.
 pub(crate) fn channels(calibration: &Calibration, recordings: &[Recording]) -> Vec<Channel> {
-    let samples = || recordings.iter().flat_map(|recording| &recording.samples);
-    let has = |of: &dyn Fn(&Sample) -> bool| samples().any(of);
     let part = |known: bool, name: &str| known.then(|| name.to_owned());
     let faults = Faults::of(calibration, recordings);
-    let mut list = Vec::new();
-    if has(&|s| s.scan.codes.taxels.is_some()) {
-        let used = [
-            part(calibration.model.is_some(), "model of the skin"),
-            part(calibration.net.is_some(), "net"),
-            part(calibration.taxels.is_some(), "contact"),
-        ];
-        let used: Vec<String> = used.into_iter().flatten().collect();
-        let why = if used.is_empty() { "the record has no part for the matrix" } else { "" };
-        let (columns, why) = ("lit_*, dark_* (16 taxels)".into(), faults.of_taxels(why));
-        list.push(Channel { columns, used, why });
+    let mut list = List::new(recordings);
+    let used = [
+        part(calibration.model.is_some(), "model of the skin"),
+        part(calibration.net.is_some(), "net"),
+        part(calibration.taxels.is_some(), "contact"),
+    ];
+    let why = "the record has no part for the matrix";
+    if let Some(taxels) = list.add(Columns::Taxels, used.into_iter().flatten().collect(), why) {
+        taxels.columns += " (16 taxels)";
+        taxels.why = faults.of_taxels(&taxels.why);
     }
     for i in 0..SENSORS {
-        if has(&|s| s.scan.codes.bridges[i].is_some()) {
-            let known = calibration.sensors[i].is_some();
-            let used = [
-                part(known && calibration.array.is_some(), "array of sensors"),
-                part(known, &format!("force on s{i}")),
-            ];
-            let why = if known { "" } else { "the record has no matrix for it" };
-            let (used, why) = (used.into_iter().flatten().collect(), faults.of_sensor(i, why));
-            list.push(Channel { columns: format!("bridge_s{i}_* (force sensor)"), used, why });
+        let known = calibration.sensors[i].is_some();
+        let used = [
+            part(known && calibration.array.is_some(), "array of sensors"),
+            part(known, &format!("force on s{i}")),
+        ];
+        let used = used.into_iter().flatten().collect();
+        let sensor = list.add(Columns::Bridge(i), used, "the record has no matrix for it");
+        if let Some(sensor) = sensor {
+            sensor.columns += " (force sensor)";
+            sensor.why = faults.of_sensor(i, &sensor.why);
         }
     }
-    let mut add = |known: bool, columns: &str, used: Option<String>, why: &str| {
-        if known {
-            list.push(Channel::new(columns, used.into_iter().collect(), why));
-        }
+    let mut add = |columns, used: Option<String>, why| {
+        list.add(columns, used.into_iter().collect(), why);
     };
     let warmth = part(calibration.warmth.is_some(), "temperature compensation");
-    let why = "the record has no temperature compensation";
-    add(has(&|s| s.scan.codes.temperature.is_some()), "aux_temp", warmth, why);
-    let why = "codes are fractions of the same reference";
-    add(has(&|s| s.scan.codes.reference.is_some()), "aux_vref", None, why);
-    let labels = || Some("labels that this page judges by".to_owned());
-    add(has(&|s| s.truth.force.iter().any(Option::is_some)), "fx_n, fy_n, fz_n", labels(), "");
+    add(Columns::Temperature, warmth, "the record has no temperature compensation");
+    add(Columns::Supply, None, SUPPLY);
+    let labels = |known| part(known, "labels that this page judges by");
+    add(Columns::Force, labels(true), "");
     let placed = calibration.taxels.is_some() || calibration.array.is_some();
-    let why = "the record gives no contact point";
-    let points = labels().filter(|_| placed);
-    add(has(&|s| s.truth.point.iter().any(Option::is_some)), "x_mm, y_mm", points, why);
+    add(Columns::Point, labels(placed), "the record gives no contact point");
     for i in 0..SENSORS {
-        let columns = format!("s{i}_fx_n, s{i}_fy_n, s{i}_fz_n");
-        let used = labels().filter(|_| calibration.sensors[i].is_some());
-        let why = "the record has no matrix for that sensor";
-        add(has(&|s| s.truth.sensors[i].iter().any(Option::is_some)), &columns, used, why);
+        let known = calibration.sensors[i].is_some();
+        add(Columns::Sensor(i), labels(known), "the record has no matrix for that sensor");
     }
-    let loaded = Some("rows in contact".to_owned());
-    add(has(&|s| s.truth.contact.is_some()), "contact", loaded, "");
-    let why = "this page judges no torsion";
-    add(has(&|s| s.truth.torsion.is_some()), "torsion_nmm", None, why);
-    add(has(&|s| s.truth.slip.is_some()), "slip", None, "this page judges no slip");
-    list
+    add(Columns::Contact, Some("rows in contact".to_owned()), "");
+    add(Columns::Torsion, None, "this page judges no torsion");
+    add(Columns::Slip, None, "this page judges no slip");
+    list.done()
 }
 
 /// Number of rows in which each channel is at fault.

@@ -17,6 +17,7 @@ use super::ros::services::{
     Described, Names, Service, Value, Wishes, describe_response, get_response, list_response,
     request, set_atomically_response, set_response, trigger_response, types_response,
 };
+use crate::finger::in_16_bits;
 
 /// Calls that wait. Those beyond get no reply.
 const QUEUE: usize = 32;
@@ -199,15 +200,13 @@ type Order = Box<dyn Fn(&Client) -> Result<(), LinkError>>;
 
 /// Checks a wish before anything is changed, and returns the change.
 fn order(name: &str, value: Option<Value>) -> Result<Order, String> {
-    // The finger refuses the largest number with its own range.
-    let hertz = |hz: i64| u16::try_from(hz).unwrap_or(u16::MAX);
     Ok(match (name, value) {
         (RATE, Some(Value::Integer(hz))) => {
-            let hz = hertz(hz);
+            let hz = in_16_bits(hz);
             Box::new(move |client| client.set_rate(hz).map(drop))
         }
         (FILTER, Some(Value::Integer(hz))) => {
-            let hz = hertz(hz);
+            let hz = in_16_bits(hz);
             Box::new(move |client| client.set_filter(hz))
         }
         (FIELDS, Some(Value::Text(list))) => {
