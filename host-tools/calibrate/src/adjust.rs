@@ -8,7 +8,8 @@
 //! - Light and phototransistor scale a taxel's unloaded reading by the same gain as its signal, so
 //!   that the unloaded light is the gain.
 //! - The skin's stiffness scales all forces of the matrix by one factor: by Hertz the displacements
-//!   depend on forces over Young's modulus alone.
+//!   depend on forces over Young's modulus alone. Under weights it is looked for only where the skin
+//!   was pressed harder before: a first loading is stiffer.
 //! - A force sensor with labels of its own has one gain a row of S, the array one a component.
 //!
 //! Parts are tried one after the other on the finger as the chip runs it. One found from a half of
@@ -31,8 +32,10 @@ use taxel::finger::Finger;
 use taxel::frame::Status;
 use taxel::scan::TAXELS;
 
-use self::bench::Bench;
-use self::limits::{FADED, LEAST_PRESSES, LEFT, OTHER_FINGER, SETTLE_US, SETTLING};
+use self::bench::{Bench, Judged};
+use self::limits::{
+    FADED, HARDER, LEAST_PRESSES, LEFT, OTHER_FINGER, SETTLE_US, SETTLING, WEIGHT_US,
+};
 use crate::evaluate::{self, Only};
 use crate::recording::Recording;
 use taxel_regress::error::FitError;
@@ -149,9 +152,10 @@ pub struct Share {
     pub after: f64,
 }
 
-/// Sets the force of every contact in `recording` to `newtons` straight down.
+/// Sets the force of every weight in `recording` to `newtons` straight down.
 ///
-/// The beginning and end of each contact keep their reference.
+/// A shorter contact than that of a weight is a press by hand, whose force is not known. The
+/// beginning and end of each contact keep their reference.
 ///
 /// # Errors
 ///
@@ -161,9 +165,12 @@ pub fn weigh(
     recording: &mut Recording,
     newtons: f64,
 ) -> Result<(), FitError> {
-    for rows in
-        contacts(&renewed(calibration, &recording.bias(calibration.warmth.as_ref())?), recording)
-    {
+    let bias = recording.bias(calibration.warmth.as_ref())?;
+    for rows in contacts(&renewed(calibration, &bias), recording) {
+        let time = |row: usize| recording.samples[row].scan.time.0;
+        if time(rows.end - 1) - time(rows.start) < WEIGHT_US {
+            continue;
+        }
         let settling = (SETTLING * rows.len() as f64) as usize;
         for row in rows.start + settling..rows.end - settling {
             recording.samples[row].truth.force = [Some(0.0), Some(0.0), Some(newtons)];
@@ -197,25 +204,7 @@ pub fn adjust(
             problem: "give --reference or --weight".into(),
         });
     }
-    if let Some(gains) = &light {
-        same_finger(&first.name, gains)?;
-    }
-    let (mut presses, mut rows) = (Vec::new(), Vec::new());
-    for recording in recordings {
-        let own = renewed(calibration, &recording.bias(warmth)?);
-        let known = |rows: &Range<usize>| {
-            recording.samples[rows.clone()].iter().any(|sample| {
-                let sensors = &sample.truth.sensors;
-                sample.truth.force[2].is_some() || sensors.iter().any(|force| force[2].is_some())
-            })
-        };
-        let loaded = at_rest(recording);
-        let felt = touched(&own, recording);
-        let together = loaded.iter().zip(felt).map(|(loaded, felt)| felt || *loaded == Some(true));
-        let runs = joined(runs(&together.collect::<Vec<_>>()), recording);
-        presses.push(runs.into_iter().filter(known).collect::<Vec<_>>());
-        rows.push(loaded);
-    }
+    let Presses { presses, loaded, unpressed } = presses(calibration, recordings)?;
     let count = presses.iter().map(Vec::len).sum();
     if count < LEAST_PRESSES {
         return Err(FitError::TooFewRows {
@@ -229,10 +218,116 @@ pub fn adjust(
         _ => &[Only::Both],
     };
     let against = evaluate::against(calibration);
-    let bench = Bench { recordings, presses, loaded: rows, parts, bias, light, against };
+    let bench = Bench { recordings, presses, loaded, unpressed, parts, bias, light, against };
     let old = bench.judge("as it is", [calibration; 2].map(Clone::clone), None, progress, stop)?;
+    let Repaired { zeroed, now, mut whole, tried, mut warnings } =
+        repaired(&bench, calibration, &old, progress, stop)?;
+    if whole != *calibration {
+        whole.date = date;
+    }
+    whole.validate().map_err(FitError::Record)?;
+    let (errors, shares) = bench.errors([&old, &zeroed, &now]);
+    let noise = recordings.iter().map(|r| r.reference_noise()[2]).fold(0.0, f64::max);
+    let left = left(calibration, noise, &tried, bench.felt_error(&now));
+    let unaged = left.is_none() && !tried.iter().any(|tried| tried.kept);
+    warnings.extend(left);
+    Ok(Adjusted {
+        calibration: whole,
+        presses: count,
+        parts: tried,
+        errors,
+        shares,
+        unaged,
+        warnings,
+    })
+}
+
+/// Presses of each recording, and whether each of its rows is loaded or at rest, if that is known.
+struct Presses {
+    presses: Vec<Vec<Range<usize>>>,
+    loaded: Vec<Vec<Option<bool>>>,
+    /// Whether the presses are weights on a skin that was not pressed harder before.
+    unpressed: bool,
+}
+
+/// Finds the presses with a known force.
+///
+/// # Errors
+///
+/// There is no unloaded stretch, or a recording is of another finger.
+fn presses(calibration: &Calibration, recordings: &[Recording]) -> Result<Presses, FitError> {
+    let mut found = Presses { presses: Vec::new(), loaded: Vec::new(), unpressed: false };
+    for recording in recordings {
+        let bias = recording.bias(calibration.warmth.as_ref())?;
+        if let Some(gains) = faded(calibration, &bias) {
+            same_finger(&recording.name, &gains)?;
+        }
+        let own = renewed(calibration, &bias);
+        let known = |rows: &Range<usize>| {
+            recording.samples[rows.clone()].iter().any(|sample| {
+                let sensors = &sample.truth.sensors;
+                sample.truth.force[2].is_some() || sensors.iter().any(|force| force[2].is_some())
+            })
+        };
+        let loaded = at_rest(recording);
+        let felt = touched(&own, recording);
+        let together = loaded.iter().zip(felt).map(|(loaded, felt)| felt || *loaded == Some(true));
+        let runs = joined(runs(&together.collect::<Vec<_>>()), recording);
+        let runs: Vec<_> = runs.into_iter().filter(known).collect();
+        found.unpressed |= is_weighed(recording) && !is_pressed(&own, recording, &runs);
+        found.presses.push(runs);
+        found.loaded.push(loaded);
+    }
+    Ok(found)
+}
+
+/// Whether the labels are those of weights: one force throughout.
+fn is_weighed(recording: &Recording) -> bool {
+    let mut forces = recording.samples.iter().map(|sample| sample.truth.force);
+    let mut known = forces.by_ref().filter(|force| force[2].is_some());
+    known.next().is_some_and(|first| known.all(|force| force == first))
+}
+
+/// Whether most weights stand where the skin was pressed harder before, in the same recording.
+///
+/// The first loading of a skin is stiffer ([DeMaria2011] fig. 3), until it was pressed as hard.
+fn is_pressed(own: &Calibration, recording: &Recording, weights: &[Range<usize>]) -> bool {
+    let signals = recording.signals(&own.bias(), own.warmth.as_ref());
+    let sizes = |row: usize| signals[row].taxels.unwrap_or_default().map(f32::abs);
+    let (mut most, mut row, mut pressed) = ([0.0f32; TAXELS], 0, 0);
+    for weight in weights {
+        for size in (row..weight.start).map(sizes) {
+            most.iter_mut().zip(size).for_each(|(most, size)| *most = most.max(size));
+        }
+        row = weight.start;
+        let under = sizes(weight.start.midpoint(weight.end));
+        let half = 0.5 * under.iter().copied().fold(0.0, f32::max);
+        let mut bearing = under.iter().zip(most).filter(|(under, _)| **under >= half);
+        pressed += usize::from(bearing.all(|(under, most)| most >= HARDER * under));
+    }
+    2 * pressed > weights.len()
+}
+
+/// Record after its parts were tried, with its estimates of the presses.
+struct Repaired {
+    /// Estimates with a new zero alone.
+    zeroed: Judged,
+    now: Judged,
+    whole: Calibration,
+    tried: Vec<Tried>,
+    warnings: Vec<String>,
+}
+
+/// Tries the parts one after the other, and keeps those that help.
+fn repaired(
+    bench: &Bench<'_>,
+    calibration: &Calibration,
+    old: &Judged,
+    progress: &mut dyn FnMut(Progress),
+    stop: &AtomicBool,
+) -> Result<Repaired, FitError> {
     let (mut now, mut whole, mut zeroed) = (old.clone(), calibration.clone(), old.clone());
-    let (mut tried, mut warnings) = (Vec::new(), Vec::new());
+    let (mut tried, mut warnings) = (Vec::new(), Vec::<String>::new());
     for parts in TRIED {
         if parts.iter().any(|part| tried.iter().any(|t: &Tried| t.part == *part && t.kept)) {
             continue;
@@ -243,7 +338,9 @@ pub fn adjust(
                 Ok(Some(gains)) => gains,
                 Ok(None) => break,
                 Err(why) => {
-                    warnings.push(why);
+                    if !warnings.contains(&why) {
+                        warnings.push(why);
+                    }
                     break;
                 }
             };
@@ -277,24 +374,7 @@ pub fn adjust(
             why: why.clone(),
         }));
     }
-    if whole != *calibration {
-        whole.date = date;
-    }
-    whole.validate().map_err(FitError::Record)?;
-    let (errors, shares) = bench.errors([&old, &zeroed, &now]);
-    let noise = recordings.iter().map(|r| r.reference_noise()[2]).fold(0.0, f64::max);
-    let left = left(calibration, noise, &tried, bench.felt_error(&now));
-    let unaged = left.is_none() && !tried.iter().any(|tried| tried.kept);
-    warnings.extend(left);
-    Ok(Adjusted {
-        calibration: whole,
-        presses: count,
-        parts: tried,
-        errors,
-        shares,
-        unaged,
-        warnings,
-    })
+    Ok(Repaired { zeroed, now, whole, tried, warnings })
 }
 
 /// Warning about the error of F_z that is left, if it is large.

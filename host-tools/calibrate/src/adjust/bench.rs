@@ -56,6 +56,8 @@ pub(super) struct Bench<'r> {
     pub(super) presses: Vec<Vec<Range<usize>>>,
     /// Whether each row of each recording is loaded or at rest, if that is known.
     pub(super) loaded: Vec<Vec<Option<bool>>>,
+    /// Whether the presses are weights on a skin that was not pressed harder before.
+    pub(super) unpressed: bool,
     /// Parts of the finger that are judged, the whole last.
     pub(super) parts: &'r [Only],
     /// Zero of the first recording.
@@ -352,8 +354,7 @@ fn quantity_name(quantity: usize) -> String {
 
 /// Mean square error of a quantity in each stage, over the rows that all stages have.
 ///
-/// Without an estimate each component is off by the size of the force: a component of zero would
-/// reward a finger that says nothing. A touch that reads zero counts with its force.
+/// A touch that reads zero counts with its force.
 fn squares<const N: usize>(stages: [&[Row]; N], quantity: usize, felt: bool) -> Option<[f64; N]> {
     let size = |row: &Row| {
         let first = if quantity < 3 { 0 } else { quantity - (quantity - 5) % 3 };
@@ -370,7 +371,7 @@ fn squares<const N: usize>(stages: [&[Row]; N], quantity: usize, felt: bool) -> 
         count += 1.0;
         for (sum, row) in sums.iter_mut().zip(rows) {
             let Some((found, truth)) = row.values[quantity] else { continue };
-            *sum += found.map_or_else(|| size(row), |found| (found - truth).powi(2));
+            *sum += evaluate::square(found, truth, || size(row));
         }
     }
     (count > 0.0).then(|| sums.map(|sum| sum / count))

@@ -4,6 +4,10 @@
 pub(super) const LEAST_PRESSES: usize = 3;
 /// Longest gap in microseconds within a press; the finger is at rest from so long after a load.
 pub(super) const SETTLE_US: u64 = 20_000;
+/// Shortest contact of a weight, microseconds; a shorter one is a press by hand.
+pub(super) const WEIGHT_US: u64 = 300_000;
+/// Least ratio of a taxel's signal in an earlier press to that under a weight on a pressed skin.
+pub(super) const HARDER: f32 = 1.2;
 /// Share of a press left out at either end, while the weight moves.
 pub(super) const SETTLING: f64 = 0.2;
 /// Smallest relative change of the light that counts as ageing: LEDs of 2 K more lose as much.

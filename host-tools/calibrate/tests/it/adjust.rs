@@ -68,23 +68,32 @@ pub fn fitted() -> Calibration {
 }
 
 /// Records weights put down at nine positions; their weight is the only known reference.
+///
+/// Before, the pad is pressed by hand `times` as hard, briefly, up to what the skin bears; not at
+/// all for zero.
 fn weights(
     calibration: &Calibration,
-    (seed, weight): (u64, f64),
+    (seed, weight, times): (u64, f64, f64),
     (skin, light): (&str, f64),
 ) -> Recording {
     let mut acts = skin.to_owned();
-    for i in 0..9 {
-        let (x, y) = (3.0 * f64::from(i % 3 - 1), 3.0 * f64::from(i / 3 - 1));
-        let at = 1.0 + 0.7 * f64::from(i);
+    let mut press = |at: f64, [x, y]: [f64; 2], force: f64, hold: f64| {
         write!(
             acts,
-            "[[press]]\nat_s = {at:.2}\nx_mm = {x}\ny_mm = {y}\nfz_n = {weight}\nrise_s = 0.05\n\
-             hold_s = 0.4\nfall_s = 0.05\n"
+            "[[press]]\nat_s = {at:.2}\nx_mm = {x}\ny_mm = {y}\nfz_n = {force}\nrise_s = 0.05\n\
+             hold_s = {hold}\nfall_s = 0.05\n"
         )
         .unwrap();
+    };
+    for i in (0..25).filter(|_| times > 0.0) {
+        let place = [i % 5, i / 5].map(|k| 2.0 * f64::from(k - 2));
+        press(1.0 + 0.16 * f64::from(i), place, (times * weight).min(2.1), 0.02);
     }
-    let mut recording = recording(faded(run(DEVICE, seed, 500, 7.5, FRICTION, &acts), light));
+    for i in 0..9 {
+        let place = [i % 3, i / 3].map(|k| 3.0 * f64::from(k - 1));
+        press(5.5 + 0.7 * f64::from(i), place, weight, 0.4);
+    }
+    let mut recording = recording(faded(run(DEVICE, seed, 500, 12.0, FRICTION, &acts), light));
     recording.samples.iter_mut().for_each(|sample| sample.truth = Truth::default());
     weigh(calibration, &mut recording, weight).unwrap();
     recording
@@ -120,7 +129,7 @@ fn nine_weights_correct_only_an_aged_device() {
         ("model of the skin", alone(true), 0.0035),
     ] {
         let Adjusted { calibration: mended, presses, parts, errors, warnings, .. } =
-            adjusted(&record, weights(&record, (7, WEIGHT), (SOFT, FADED)));
+            adjusted(&record, weights(&record, (7, WEIGHT, 2.0), (SOFT, FADED)));
         assert_eq!(presses, 9);
         assert!(errors.iter().all(|e| e.after < e.zeroed || e.quantity != "fz_n"), "{errors:?}");
         let mut bias_only = record.clone();
@@ -132,7 +141,7 @@ fn nine_weights_correct_only_an_aged_device() {
         );
         assert!(after < 0.5 * before && after < most, "{name}: {once} {before} {after}");
         for (seed, weight) in [(8, 1.0), (9, 0.4905), (10, 1.8)] {
-            let same = weights(&record, (seed, weight), (YOUNG, 0.0));
+            let same = weights(&record, (seed, weight, 2.0), (YOUNG, 0.0));
             let adjusted = adjusted(&record, same);
             let after = error(&adjusted.calibration, &young);
             println!(
@@ -141,6 +150,22 @@ fn nine_weights_correct_only_an_aged_device() {
             );
             assert!(after < 1.02 * once, "{name}: {once} {after}");
         }
+    }
+}
+
+/// A skin is stiffer until it was pressed as hard, which weights cannot tell from ageing.
+#[test]
+fn weights_on_an_unpressed_skin_leave_its_stiffness() {
+    let record = Calibration { model: None, slip: None, ..record(NAME) };
+    for (times, looked_for) in [(0.0, false), (0.8, false), (2.0, true)] {
+        let Adjusted { presses, parts, warnings, .. } =
+            adjusted(&record, weights(&record, (7, WEIGHT, times), (SOFT, FADED)));
+        println!("{times}: {parts:?} {warnings:?}");
+        assert_eq!(presses, 9, "{times}");
+        assert_eq!(parts.iter().any(|tried| tried.part == Part::Skin), looked_for, "{times}");
+        let told = |w: &&String| w.starts_with("stiffness of the skin: not looked for");
+        assert_eq!(warnings.iter().filter(told).count(), usize::from(!looked_for), "{times}");
+        assert!(parts.iter().any(|tried| tried.part == Part::Light && tried.kept), "{times}");
     }
 }
 
@@ -218,13 +243,17 @@ fn young_devices_keep_their_records() {
 
 #[test]
 fn another_finger_or_no_labels_are_refused() {
-    let refused = |recording| {
-        adjust(&calibrated(11), &[recording], 1, &mut |_| {}, &AtomicBool::new(false))
+    let refused_all = |recordings: &[Recording]| {
+        adjust(&calibrated(11), recordings, 1, &mut |_| {}, &AtomicBool::new(false))
             .unwrap_err()
             .to_string()
     };
-    let other = refused(sheared(12, 61, YOUNG, 0.3));
-    assert!(other.contains("looks like another finger"), "{other}");
+    let refused = |recording| refused_all(&[recording]);
+    let (own, other) = (sheared(11, 63, YOUNG, 0.0), sheared(12, 61, YOUNG, 0.3));
+    for recordings in [&[other.clone()][..], &[own, other]] {
+        let told = refused_all(recordings);
+        assert!(told.contains("looks like another finger"), "{told}");
+    }
     let mut bare = sheared(11, 62, SOFT, 0.0);
     bare.samples.iter_mut().for_each(|sample| sample.truth = Truth::default());
     assert_eq!(refused(bare), "no force labels: give --reference or --weight");

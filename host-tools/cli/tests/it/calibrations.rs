@@ -21,7 +21,14 @@ const VIRTUAL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../emulator/data/fin
 const SOFT: &str = "material.young_mpa=0.2145";
 
 /// Presses the finger of the built-in scenes at nine places with `newtons`, 0.4 s each.
-fn nine_presses(directory: &Path, newtons: f64, seed: u64, set: &[&str]) -> Vec<Sample> {
+///
+/// With `by_hand` the pad is pressed before, briefly and twice as hard.
+fn nine_presses(
+    directory: &Path,
+    (newtons, by_hand): (f64, bool),
+    seed: u64,
+    set: &[&str],
+) -> Vec<Sample> {
     let mut scene = String::from(
         r#"
 description = "Nine weights put down one after the other"
@@ -38,15 +45,23 @@ radius_mm = 6
 mu = 0.8
 "#,
     );
-    for i in 0..9 {
-        let (x, y) = (3.0 * f64::from(i % 3 - 1), 3.0 * f64::from(i / 3 - 1));
-        let at = 0.7 + 0.7 * f64::from(i);
+    let mut press = |at: f64, [x, y]: [f64; 2], newtons: f64, hold: f64| {
         let _ = write!(
             scene,
             "[[press]]\nat_s = {at:.2}\nx_mm = {x}\ny_mm = {y}\nfz_n = {newtons}\nrise_s = 0.05\n\
-             hold_s = 0.4\nfall_s = 0.05\n"
+             hold_s = {hold}\nfall_s = 0.05\n"
         );
+    };
+    let first = if by_hand { 5.5 } else { 0.7 };
+    for i in (0..25).filter(|_| by_hand) {
+        let place = [i % 5, i / 5].map(|k| 2.0 * f64::from(k - 2));
+        press(0.7 + 0.16 * f64::from(i), place, 2.0 * newtons, 0.02);
     }
+    for i in 0..9 {
+        let place = [i % 3, i / 3].map(|k| 3.0 * f64::from(k - 1));
+        press(first + 0.7 * f64::from(i), place, newtons, 0.4);
+    }
+    scene = scene.replace("= 7.5", &format!("= {}", first + 6.8));
     let path = directory.join("nine.toml");
     std::fs::write(&path, scene).unwrap();
     simulated(path.to_str().unwrap(), seed, set)
@@ -96,7 +111,7 @@ fn withheld(folder: &In<'_>, calibration: &str, data: &str) -> u64 {
 fn nine_presses_correct_drifted_gains() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
-    let presses = nine_presses(directory.path(), 1.0, 3, &[SOFT]);
+    let presses = nine_presses(directory.path(), (1.0, false), 3, &[SOFT]);
     write_trace(directory.path(), "young.csv", &tour(5, &[]), true);
     write_trace(directory.path(), "old.csv", &faded(&tour(5, &[SOFT])), true);
     write_trace(directory.path(), "presses.csv", &faded(&presses), true);
@@ -148,10 +163,31 @@ fn nine_presses_correct_drifted_gains() {
 }
 
 #[test]
+fn recording_of_another_serial_is_not_adjusted_to() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = In(directory.path());
+    folder.succeeds(&["record", "--port", "sim:press", "--duration", "1", "--out", "a.mcap"]);
+    let mut other = calibration::read(VIRTUAL).unwrap();
+    other.serial = "F-0042".parse().unwrap();
+    calibration::write(directory.path().join("other.toml"), &other).unwrap();
+    let adjust =
+        ["calibrate", "adjust", "--data", "a.mcap", "--weight", "1", "--out", "today.toml"];
+    let error = folder.fails(1, &[&adjust[..], &["--calibration", "other.toml"]].concat());
+    let told = "a.mcap: recorded with the calibration of finger `VIRTUAL-4X4`, but --calibration is of `F-0042`";
+    assert!(error.contains(told), "{error}");
+    assert!(!directory.path().join("today.toml").exists());
+    // A record without a name is anybody's.
+    other.serial.clear();
+    calibration::write(directory.path().join("other.toml"), &other).unwrap();
+    let error = folder.fails(1, &[&adjust[..], &["--calibration", "other.toml"]].concat());
+    assert!(!error.contains("recorded with"), "{error}");
+}
+
+#[test]
 fn known_weight_replaces_reference_columns() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
-    let presses = faded(&nine_presses(directory.path(), 0.4905, 4, &[SOFT]));
+    let presses = faded(&nine_presses(directory.path(), (0.4905, true), 4, &[SOFT]));
     write_trace(directory.path(), "50g.csv", &presses, false);
     let adjust = ["calibrate", "adjust", "--calibration", VIRTUAL, "--data", "50g.csv"];
     // Without the weight the force of the presses is unknown.
@@ -186,7 +222,7 @@ fn write_cell(folder: &Path, samples: &[Sample]) {
 fn adjust_and_compare_align_load_cell_clock() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
-    let presses = faded(&nine_presses(directory.path(), 1.0, 3, &[SOFT]));
+    let presses = faded(&nine_presses(directory.path(), (1.0, false), 3, &[SOFT]));
     write_trace(directory.path(), "presses.csv", &presses, false);
     write_cell(directory.path(), &presses);
     write_trace(directory.path(), "old.csv", &faded(&tour(5, &[SOFT])), true);
@@ -282,7 +318,7 @@ fn unchanged_finger_keeps_its_gains() {
     write_trace(
         directory.path(),
         "presses.csv",
-        &nine_presses(directory.path(), 1.0, 8, &[]),
+        &nine_presses(directory.path(), (1.0, false), 8, &[]),
         true,
     );
     let outcome = json(&folder.succeeds(&[
@@ -310,7 +346,7 @@ fn unchanged_finger_keeps_its_gains() {
 fn reference_of_wrong_sign_changes_no_gain() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
-    let mut presses = nine_presses(directory.path(), 1.0, 8, &[]);
+    let mut presses = nine_presses(directory.path(), (1.0, false), 8, &[]);
     let turn = |force: &mut Option<f64>| *force = force.map(|f| -f);
     for sample in &mut presses {
         let truth = &mut sample.truth;
@@ -346,7 +382,7 @@ fn reference_of_wrong_sign_changes_no_gain() {
 fn report_is_one_page_with_plots_and_warnings() {
     let directory = tempfile::tempdir().unwrap();
     let folder = In(directory.path());
-    let (judged, fitted) = (tour(9, &[]), nine_presses(directory.path(), 1.0, 2, &[]));
+    let (judged, fitted) = (tour(9, &[]), nine_presses(directory.path(), (1.0, false), 2, &[]));
     write_trace(directory.path(), "judged.csv", &judged, true);
     write_trace(directory.path(), "fitted.csv", &fitted, true);
     let report = ["calibrate", "report", "--calibration", VIRTUAL, "--json"];

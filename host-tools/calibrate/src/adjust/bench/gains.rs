@@ -45,6 +45,11 @@ impl Bench<'_> {
         let gains = match part {
             Part::Bias => Ok(Some(Vec::new())),
             Part::Light => Ok(self.light.clone()),
+            Part::Skin if self.unpressed => Err(format!(
+                "{part}: not looked for, because a skin is up to a tenth stiffer until it was pressed harder than \
+                 by the weights: press the pad hard all over, after the unloaded stretch of the recording and \
+                 before the first weight"
+            )),
             Part::Skin => match &record.taxels {
                 Some(taxels) => {
                     let found = axes((Only::Matrix, 0), 2..3, taxels.residual)?;

@@ -28,8 +28,8 @@ pub struct Args {
     /// A recording of presses, or a stretch of it in seconds; may be given several times.
     #[arg(long, value_name = "FILE[@FROM..TO]", required = true)]
     data: Vec<Stretch>,
-    /// Force of every contact in the recordings: a weight at rest, in newtons straight down.
-    /// Weights repair zero and light; the stiffness of the skin needs presses.
+    /// Force of every contact of 0.3 s or longer: a weight at rest, in newtons straight down.
+    /// The stiffness of the skin is found if the pad was pressed hard all over before, briefly.
     /// Without this option the reference columns fx_n fy_n fz_n (or s0_fx_n …) give the force.
     #[arg(long, value_name = "NEWTONS", value_parser = weight)]
     weight: Option<f64>,
