@@ -23,10 +23,10 @@ const LEAST_HIDDEN: f64 = 1e-3;
 /// F = s + T·ṡ + ¼T²·s̈. A reference that is read δ too early, F(t − δ), is
 /// s + (T − δ)·ṡ + (¼T² − T·δ + ½δ²)·s̈: the alignment makes the coefficient a of ṡ vanish, and
 /// ½a² less that of s̈, ¼T², still tells the lag. The coefficients are those of the `channels`'
-/// prediction of the force. It is linear, and with one or two force sensors quadratic in the signals
-/// of the matrix. Only the `readings` themselves count, because a curve between
-/// them errs where a press begins. Their times are those of the channels' clock, and `noise` is
-/// that of each of their components.
+/// prediction of the force, which is linear, and with one or two force sensors quadratic in the
+/// signals of the matrix. Only the `readings` themselves count, because a curve between them errs
+/// where a press begins. Their times are those of the channels' clock, and `noise` is that of each
+/// of their components.
 pub(crate) fn hidden(channels: Series<'_>, readings: Series<'_>, noise: &[f64]) -> Option<f64> {
     let step = align::median_step(channels.times);
     let predictors = Predictors::of(channels.rows);
