@@ -59,6 +59,8 @@ pub struct Traction {
     pub arm: f32,
     /// Noise of shear (N) and torsion (N·mm); so much of either does not count as load.
     pub sigma: [f32; 2],
+    /// Standard deviation of the contact point in mm.
+    pub place_sigma: f32,
     /// Information on the friction utilisation, if the matrix sees the slip annulus.
     pub ring: Option<FrictionUtilisation>,
     /// Whether vibration indicates gross slip. A knock may look alike, so that friction learns
@@ -150,7 +152,7 @@ impl Slip {
         traction: &Traction,
         elapsed: f32,
     ) -> Measured<Verdict> {
-        let Traction { shear: [fx, fy], normal, torsion, arm, sigma, ring, rubs, slides } =
+        let Traction { shear: [fx, fy], normal, torsion, arm, sigma, ring, rubs, slides, .. } =
             *traction;
         if !(LEAST_NORMAL..f32::MAX).contains(&normal) {
             return Err(NoValue::IllConditioned);
@@ -503,7 +505,7 @@ mod tests {
                 let ring = ring.map(|(b, weight)| FrictionUtilisation { weight, moment: weight * b });
                 let sigma = [torsion, normal];
                 let rubs = !slides;
-                let traction = Traction { shear, normal, torsion, arm, sigma, ring, rubs, slides };
+                let traction = Traction { shear, normal, torsion, arm, sigma, ring, rubs, slides, ..Traction::default() };
                 let Ok(verdict) = slip.judge(&mut state, &traction, SCAN) else { continue };
                 prop_assert!((0.0..=1.0).contains(&verdict.margin), "{verdict:?}");
                 prop_assert!(verdict.friction.is_finite() && verdict.grip.0.is_finite(), "{verdict:?}");

@@ -105,6 +105,7 @@ impl Grip<'_> {
             torsion,
             arm: arm(&self.optical.contacts),
             sigma: [at_least(x.sigma, y.sigma), TORSION_SIGMAS * moment_sigma],
+            place_sigma: 0.0,
             ring: self.optical.ring,
             rubs: self.rubs,
             slides: false,
@@ -113,6 +114,7 @@ impl Grip<'_> {
         if let Ok([x, y]) = &self.fused.point
             && traction.arm == 0.0
         {
+            traction.place_sigma = at_least(x.sigma, y.sigma);
             traction.slides = state.slide.update(self.time, [x.value, y.value], &traction);
         }
         status.insert(Status::RAN_SLIP);

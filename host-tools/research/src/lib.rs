@@ -34,6 +34,7 @@ pub mod results;
 mod runs;
 mod scatter;
 pub mod simulator;
+pub mod slip;
 mod sweeps;
 pub mod throughput;
 mod truth;

@@ -255,7 +255,7 @@ fn slides_are_told(all: &[Onsets; 3], sprung: &[Jerks; 3]) {
     // in percent of the frames of slip from there on. The late ones have light loads and scattered
     // contact positions: the matrix alone hardly measures 0.2 N at a friction of 0.2.
     let bounds =
-        [(304, [160, 360, 900], 96), (320, [165, 190, 260], 99), (320, [165, 200, 340], 99)];
+        [(304, [160, 360, 900], 96), (320, [165, 190, 270], 99), (320, [165, 200, 340], 99)];
     for (onsets, (told, within, share)) in all.iter().zip(bounds) {
         let Onsets { early, sliding: [slid, said], .. } = *onsets;
         let (count, delays) = (onsets.told.len(), onsets.delays());

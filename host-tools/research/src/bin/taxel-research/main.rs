@@ -4,6 +4,7 @@ mod ablation;
 mod detection;
 mod effects;
 mod peers;
+mod slip;
 mod specification;
 
 use std::ffi::OsStr;
@@ -28,6 +29,7 @@ enum Task {
     Ablation(ablation::Ablation),
     Detection(detection::Detection),
     Effects(effects::Effects),
+    Slip(slip::Slip),
     /// Counts cycles of the 16-16-3 net in other libraries into host-tools/emulator/data/peers.csv
     Peers,
 }
@@ -39,6 +41,7 @@ fn main() -> ExitCode {
         Task::Detection(arguments) => detection::run(&arguments),
         Task::Effects(arguments) => effects::run(&arguments),
         Task::Peers => peers::count(),
+        Task::Slip(arguments) => slip::run(&arguments),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
