@@ -157,7 +157,7 @@ def official(descriptor: Any, theirs: Any) -> int:
 
 def test_mcap_has_scene_and_log_in_foxglove_schemas(command: str, tmp_path: Path):
     """Foxglove's own classes read what was recorded, and what was exported from a table."""
-    record = [command, "record", "--port", "sim:fault-dead-led", "--fields", "all", "--duration", "3"]
+    record = [command, "record", "--port", "sim:fault", "--fields", "all", "--duration", "3"]
     files = ["--out", "a.mcap", "--out", "a.parquet", "--out", "a.csv"]
     subprocess.run([*record, *files], cwd=tmp_path, check=True)
     subprocess.run([command, "export", "a.parquet", "--out", "b.mcap"], cwd=tmp_path, check=True)
@@ -170,7 +170,7 @@ def test_mcap_has_scene_and_log_in_foxglove_schemas(command: str, tmp_path: Path
         with (tmp_path / name).open("rb") as file:
             reader = make_reader(file, decoder_factories=[DecoderFactory()])
             for _, channel, message, decoded in reader.iter_decoded_messages():
-                end = channel.topic.removeprefix("/taxel/fault-dead-led")
+                end = channel.topic.removeprefix("/taxel/fault")
                 if end == "/log":
                     logs.append(Log.FromString(message.data))
                     fields.add(official(decoded.DESCRIPTOR, Log.DESCRIPTOR))
@@ -180,7 +180,7 @@ def test_mcap_has_scene_and_log_in_foxglove_schemas(command: str, tmp_path: Path
                 fields.add(official(decoded.DESCRIPTOR, SceneUpdate.DESCRIPTOR))
                 (entity,) = SceneUpdate.FromString(message.data).entities
                 assert entity.timestamp.ToNanoseconds() == message.log_time
-                assert (entity.frame_id, entity.id, len(entity.cubes)) == ("fault-dead-led", "finger", 17)
+                assert (entity.frame_id, entity.id, len(entity.cubes)) == ("fault", "finger", 17)
                 row = by_time[message.log_time // 1000]
                 assert len(entity.arrows) == bool(row["x_mm"] and row["fz_n"])
                 for arrow in entity.arrows:
