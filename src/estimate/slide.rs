@@ -89,7 +89,7 @@ impl GrossSlipDetector {
             }
             Some(anchor) => {
                 let [dx, dy] = [place[0] - anchor.place[0], place[1] - anchor.place[1]];
-                let far = DISPLACEMENT + SWAYS * at_least(place_sigma - SURE, 0.0);
+                let far = SWAYS * at_least(place_sigma, SURE) + (DISPLACEMENT - SWAYS * SURE);
                 let way2 = dx * dx + dy * dy;
                 if way2 > far * far {
                     let way = sqrt(way2);

@@ -105,10 +105,9 @@ impl Grip<'_> {
             torsion,
             arm: arm(&self.optical.contacts),
             sigma: [at_least(x.sigma, y.sigma), TORSION_SIGMAS * moment_sigma],
-            place_sigma: 0.0,
             ring: self.optical.ring,
             rubs: self.rubs,
-            slides: false,
+            ..Traction::default()
         };
         // The middle of two contacts wanders when their load share changes; that is no gross slip.
         if let Ok([x, y]) = &self.fused.point
