@@ -252,7 +252,9 @@ fn recording_is_whole_when_finger_fell_silent() {
             said.extend(command.said.recv_timeout(UNDER_WAY).unwrap_or_default());
             assert!(Instant::now() < deadline, "{}", String::from_utf8_lossy(&said));
         }
-        until("a hundred frames", || rows_so_far(&folder.join("frames.csv")) > 100);
+        // The second recording replaces the first, at its end.
+        let rows = if page.is_empty() { "frames.csv" } else { "frames.csv.part.csv" };
+        until("a hundred frames", || rows_so_far(&folder.join(rows)) > 100);
         stop(Signal::SIGSTOP);
         thread::sleep(UNDER_WAY);
         interrupted(folder, &line, command, said, End::Finished);
