@@ -8,9 +8,8 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::Context as _;
-use taxel::calibration::Calibration;
 use taxel::estimate::{ContactPoint, Force};
-use taxel::finger::{Estimate, Finger};
+use taxel::finger::Estimate;
 use taxel::measured::Measured;
 use taxel_calibrate::evaluate::Only;
 use taxel_calibrate::recording::Recording;
@@ -19,7 +18,7 @@ use taxel_sim::Simulator;
 use taxel_sim::scene::REAL;
 
 use crate::effort::Waiting;
-use crate::reference::{calibrated, scene};
+use crate::reference::{calibrated, estimates, scene};
 
 /// Scenes with the changes that shorten them.
 const SCENES: [(&str, &[&str]); 6] = [
@@ -33,8 +32,6 @@ const SCENES: [(&str, &[&str]); 6] = [
 const DEVICE: u64 = 1;
 /// Seed of noise, lamps and random presses; no calibration has it.
 const SEED: u64 = 41;
-/// Scans of the unloaded finger that become its bias, as a user takes one before work.
-const BIAS: u16 = 100;
 /// Number of timed runs, of which the fastest counts because the machine may disturb the others.
 const RUNS: usize = 3;
 const HEADER: &str = "effect,scene,matrix / sigma,both / sigma,time / %";
@@ -89,14 +86,6 @@ pub fn measure(waiting: Waiting<'_>) -> anyhow::Result<Vec<Moved>> {
         }
     }
     Ok(found)
-}
-
-/// Estimates of a finger that has taken its bias at the beginning.
-fn estimates(part: Only, record: &Calibration, recording: &Recording) -> Vec<Estimate> {
-    let (record, recording) = part.of(record, recording);
-    let (finger, mut state) = Finger::new(Some(record));
-    state.take_bias(BIAS);
-    recording.samples.iter().map(|s| finger.estimate(&mut state, &s.scan)).collect()
 }
 
 /// Largest root mean square of the components' changes in stated standard deviations; NaN without

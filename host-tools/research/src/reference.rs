@@ -4,6 +4,8 @@
 use std::sync::atomic::AtomicBool;
 
 use taxel::calibration::Calibration;
+use taxel::finger::{Estimate, Finger};
+use taxel_calibrate::evaluate::Only;
 use taxel_calibrate::finger::{FitOptions, fit};
 use taxel_calibrate::recording::Recording;
 use taxel_regress::model::Family;
@@ -13,6 +15,9 @@ use taxel_sim::{Scene, Simulator, scene::Changes};
 const CALIBRATION: [(&str, u64); 2] = [("presses", 1), ("shear", 2)];
 /// Recording of the finger at rest while it warms.
 const WARM_UP: (&str, u64) = ("warm-up", 4);
+
+/// Scans of the unloaded finger that become its bias, as a user takes one before work.
+const BIAS: u16 = 100;
 
 /// Loads a built-in scene for the reference finger of this device, with changes.
 pub(crate) fn scene(name: &str, device: u64, warm: bool, set: &[String]) -> anyhow::Result<Scene> {
@@ -41,4 +46,12 @@ pub(crate) fn calibrated(
     // As the command does by default.
     let options = FitOptions { family: Family::Auto, ..FitOptions::default() };
     Ok(fit(&recordings, &options, &mut |_| {}, stop)?.calibration)
+}
+
+/// Estimates of a part of the finger, which has taken its bias at the beginning.
+pub(crate) fn estimates(part: Only, record: &Calibration, recording: &Recording) -> Vec<Estimate> {
+    let (record, recording) = part.of(record, recording);
+    let (finger, mut state) = Finger::new(Some(record));
+    state.take_bias(BIAS);
+    recording.samples.iter().map(|s| finger.estimate(&mut state, &s.scan)).collect()
 }

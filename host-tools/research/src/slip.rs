@@ -2,11 +2,12 @@
 
 use std::fmt::Write as _;
 use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use anyhow::Context as _;
 use serde::{Deserialize, Serialize};
 use taxel::calibration::Calibration;
-use taxel::finger::{Estimate, Finger};
+use taxel::finger::Estimate;
 use taxel::frame::Status;
 use taxel_calibrate::evaluate::Only;
 use taxel_calibrate::recording::Recording;
@@ -14,7 +15,7 @@ use taxel_files::{save, trace::Sample};
 use taxel_sim::{Scene, Simulator, scene::Changes};
 
 use crate::effort::{Waiting, on_all_cores};
-use crate::reference::calibrated;
+use crate::reference::{calibrated, estimates};
 
 /// Devices of which each is calibrated on its own recordings.
 const DEVICES: [u64; 3] = [1, 2, 3];
@@ -29,8 +30,6 @@ const SLIDES: u32 = 4;
 const RATE: usize = 4000;
 /// Time of a warning before the slip, in scans: 20 ms.
 const AHEAD: usize = RATE / 50;
-/// Scans of the unloaded finger that become its bias, as a user takes one before work.
-const BIAS: u16 = 100;
 /// Number of grasps of 0.4 s after a slide that has shown the friction.
 const GRASPS: u32 = 200;
 const PARTS: [(Only, &str); 3] =
@@ -83,10 +82,12 @@ pub fn measure(waiting: Waiting<'_>) -> anyhow::Result<Vec<Slips>> {
     let records = on_all_cores(&DEVICES, |device| calibrated(*device, false, waiting.stop))?;
     let work: Vec<(usize, f64)> =
         FRICTIONS.iter().flat_map(|mu| (0..DEVICES.len()).map(|i| (i, *mu))).collect();
+    let begun = AtomicUsize::new(0);
     let counts = on_all_cores(&work, |(i, friction)| {
-        anyhow::ensure!(!waiting.stop.load(std::sync::atomic::Ordering::Relaxed), "stopped");
+        anyhow::ensure!(!waiting.stop.load(Ordering::Relaxed), "stopped");
         let (device, record) = (DEVICES[*i], &records[*i]);
-        (waiting.progress)(0.5, &format!("finger {device} at a friction of {friction}"));
+        let share = begun.fetch_add(1, Ordering::Relaxed) as f64 / work.len() as f64;
+        (waiting.progress)(share, &format!("finger {device} at a friction of {friction}"));
         counted(device, *friction, record)
     })?;
     let mut rows = Vec::new();
@@ -165,13 +166,6 @@ fn slide(at_s: f64, i: u32, load: f64) -> String {
          rise_s = 0.2\ntravel_s = 1.5\nfall_s = 0.2\n",
         -y
     )
-}
-
-fn estimates(part: Only, record: &Calibration, recording: &Recording) -> Vec<Estimate> {
-    let (record, recording) = part.of(record, recording);
-    let (finger, mut state) = Finger::new(Some(record));
-    state.take_bias(BIAS);
-    recording.samples.iter().map(|s| finger.estimate(&mut state, &s.scan)).collect()
 }
 
 impl Counts {

@@ -4,13 +4,14 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use serde_json::Value;
 
-use crate::{command, root, with_part};
+use crate::command;
+use crate::table::Table;
 
 /// Fits and judges simulated fingers, one for each effect, into
 /// host-tools/research/data/ablation.csv and docs/accuracy.md
@@ -75,13 +76,11 @@ fn fingers() -> Vec<Finger> {
     all
 }
 
-fn csv() -> PathBuf {
-    root().join("host-tools/research/data/ablation.csv")
-}
+pub const TABLE: Table = Table { task: "ablation", page: "docs/accuracy.md", section: table };
 
 /// Runs what is not yet in the CSV file, and draws the table.
 pub fn run(arguments: &Ablation) -> Result<()> {
-    let path = csv();
+    let path = TABLE.csv();
     let mut text = std::fs::read_to_string(&path).unwrap_or_else(|_| format!("{HEADER}\n"));
     if !arguments.draw {
         for finger in fingers() {
@@ -97,10 +96,7 @@ pub fn run(arguments: &Ablation) -> Result<()> {
             }
         }
     }
-    let page = root().join("docs/accuracy.md");
-    let drawn = with_part(&std::fs::read_to_string(&page)?, "ablation", &table(&text)?)?;
-    std::fs::write(&page, drawn)?;
-    Ok(())
+    TABLE.draw()
 }
 
 fn taxel(words: &[&str]) -> Result<Vec<u8>> {
@@ -257,14 +253,12 @@ fn table(text: &str) -> Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::root;
 
     #[test]
-    fn page_has_the_ablation_table() {
-        let text = std::fs::read_to_string(csv()).unwrap();
+    fn readme_has_the_reference_finger_of_the_table() {
+        let text = std::fs::read_to_string(TABLE.csv()).unwrap();
         assert!(text.starts_with(HEADER));
-        let page = std::fs::read_to_string(root().join("docs/accuracy.md")).unwrap();
-        let drawn = with_part(&page, "ablation", &table(&text).unwrap()).unwrap();
-        assert!(page == drawn, "docs/accuracy.md: draw it with `taxel-research ablation --draw`");
         let table = table(&text).unwrap();
         let row = table.lines().find(|line| line.starts_with("| **reference**")).unwrap();
         let cells: Vec<&str> = row.split(" | ").skip(2).collect();
@@ -274,7 +268,7 @@ mod tests {
 
     #[test]
     fn reference_finger_states_its_errors() {
-        let text = std::fs::read_to_string(csv()).unwrap();
+        let text = std::fs::read_to_string(TABLE.csv()).unwrap();
         let means = means(&text).unwrap();
         let figures = |part: &str| means[&(REFERENCE.into(), part.into())].0.clone();
         let [matrix, both] = ["matrix", "both"].map(figures);

@@ -1,6 +1,5 @@
 //! Detection of faults, into host-tools/research/data/detection.csv, its chart and its section.
 
-use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
@@ -9,7 +8,8 @@ use anyhow::Result;
 use clap::Args;
 use taxel_research::{Waiting, detection};
 
-use crate::{root, with_part};
+use crate::root;
+use crate::table::Table;
 
 /// Injects every kind of fault into a simulated reference finger and judges how it is reported,
 /// into host-tools/research/data/detection.csv, docs/images/detection.svg and docs/accuracy.md
@@ -23,13 +23,15 @@ pub struct Detection {
     draw: bool,
 }
 
-fn csv() -> PathBuf {
-    root().join("host-tools/research/data/detection.csv")
-}
+pub const TABLE: Table = Table {
+    task: "detection",
+    page: "docs/accuracy.md",
+    section: |csv| Ok(detection::section(&detection::parse(csv)?)),
+};
 
 /// Measures, unless the table is only to be drawn, and draws chart and section.
 pub fn run(arguments: &Detection) -> Result<()> {
-    let path = csv();
+    let path = TABLE.csv();
     if !arguments.draw {
         let (start, told) = (Instant::now(), Mutex::new(-1));
         let progress = |share: f64, what: &str| {
@@ -45,8 +47,5 @@ pub fn run(arguments: &Detection) -> Result<()> {
     }
     let rows = detection::parse(&std::fs::read_to_string(&path)?)?;
     detection::write_chart(&rows, &root().join("docs/images/detection.svg"))?;
-    let page = root().join("docs/accuracy.md");
-    let text = std::fs::read_to_string(&page)?;
-    let drawn = with_part(&text, "detection", &detection::section(&rows))?;
-    Ok(std::fs::write(&page, drawn)?)
+    TABLE.draw()
 }

@@ -6,6 +6,7 @@ mod effects;
 mod peers;
 mod slip;
 mod specification;
+mod table;
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -56,16 +57,6 @@ fn main() -> ExitCode {
 fn root() -> PathBuf {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     here.ancestors().nth(2).unwrap_or(here).to_owned()
-}
-
-/// Returns the page with `text` between the marks of a task.
-fn with_part(page: &str, task: &str, text: &str) -> Result<String> {
-    let [begin, end] =
-        ["begin", "end"].map(|mark| format!("<!-- {mark}: taxel-research {task} -->\n"));
-    let missing = |mark: &str| format!("the page has no line `{}`", mark.trim_end());
-    let (before, rest) = page.split_once(&begin).with_context(|| missing(&begin))?;
-    let (_, after) = rest.split_once(&end).with_context(|| missing(&end))?;
-    Ok(format!("{before}{begin}\n{text}\n{end}{after}"))
 }
 
 /// Returns a command in `folder` that reads no input.
