@@ -131,16 +131,9 @@ impl Facets {
         let touched = self.contact.as_ref().filter(|_| !contacts.is_empty());
         let celsius = REFERENCE_C + warmer_k;
         // A stiffer skin is displaced as by a smaller load: less, and on a smaller area.
-        let warm = if warmer_k == 0.0 { 1.0 } else { softness(celsius) };
         let worked = self.skin.as_ref().map_or(1.0, Skin::softness);
-        self.displacement = touched.map_or([0.0; TAXELS], |contact| {
-            let share = warm * worked;
-            if share == 1.0 {
-                contact.displacement(contacts)
-            } else {
-                contact.displacement(&contacts.scaled(share))
-            }
-        });
+        let borne = contacts.scaled(softness(celsius) * worked);
+        self.displacement = touched.map_or([0.0; TAXELS], |contact| contact.displacement(&borne));
         if let Some(skin) = &mut self.skin {
             let elastic = self.displacement.map(|u| u / worked);
             self.displacement = skin.displace(elastic, celsius);
