@@ -161,7 +161,7 @@ def test_mcap_has_scene_and_log_in_foxglove_schemas(command: str, tmp_path: Path
     files = ["--out", "a.mcap", "--out", "a.parquet", "--out", "a.csv"]
     subprocess.run([*record, *files], cwd=tmp_path, check=True)
     subprocess.run([command, "export", "a.parquet", "--out", "b.mcap"], cwd=tmp_path, check=True)
-    # Of frames that came together, the first is drawn.
+    # The first of frames that came together is drawn.
     by_time: dict[int, dict[str, str]] = {}
     for row in rows(tmp_path / "a.csv"):
         by_time.setdefault(int(row["host_us"]), row)

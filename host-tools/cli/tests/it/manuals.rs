@@ -60,7 +60,7 @@ taxel() {
             done
             set -- "${words[@]}" ;;
     esac
-    # What runs until Ctrl-C gets it after four seconds, once, and must end well. Another page may be served.
+    # A command that runs until Ctrl-C gets it after four seconds, once, and must end well. Another page may be served.
     case "$all" in
         *" --duration "* | *" --help "*) ;;
         " view "* | " serve "* | " demo "* | " bridge "*)

@@ -45,7 +45,7 @@ impl Standard {
     /// raised.
     ///
     /// # Errors
-    /// What `put` reports.
+    /// The first error of `put`.
     pub fn messages<E>(
         &mut self,
         frame: &Frame,

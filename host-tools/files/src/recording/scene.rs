@@ -102,8 +102,11 @@ impl Columns {
             Some(x.and_then(|x| y.map(|y| (x, y))).map(place))
         });
         let taxels = self.taxels.and_then(|taxels| {
-            let signals: Option<Vec<f32>> = taxels.into_iter().map(|at| value(at)?.ok()).collect();
-            signals?.try_into().ok()
+            let mut signals = [0.0; TAXELS];
+            for (signal, at) in signals.iter_mut().zip(taxels) {
+                *signal = value(at)?.ok()?;
+            }
+            Some(signals)
         });
         Frame {
             time: Micros(whole(self.time)),
