@@ -151,5 +151,5 @@ async fn session(
 
 #[panic_handler]
 fn panic(info: &PanicInfo) -> ! {
-    boot::panic(info)
+    boot::panic(info.location())
 }

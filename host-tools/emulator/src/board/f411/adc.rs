@@ -195,7 +195,7 @@ impl Adc {
 
     /// Input that is sampled at `now`, if any.
     pub fn sampled(&self, now: Tick) -> Option<u32> {
-        let run = self.run.filter(|run| run.until == now && run.sample.is_none())?;
+        let run = self.run.filter(|run| run.until <= now && run.sample.is_none())?;
         Some(self.input(run.group, run.index))
     }
 

@@ -206,13 +206,19 @@ impl Adc {
         *self.run(group) = Some(Run { index: 0, samples: 0, sum: 0, sampling: true, until });
     }
 
-    /// Input that is sampled at `now`, if any.
+    /// Whether a calibration or start-up ends by now.
+    fn is_ready(&self, now: Tick) -> bool {
+        self.busy.is_some_and(|until| until <= now)
+    }
+
+    /// Input that is sampled at `now`, if any. The core may have read a register since the end of
+    /// sampling, which moves the time on.
     pub fn sampled(&self, now: Tick) -> Option<u32> {
         let groups = [(self.regular, Group::Regular), (self.injected, Group::Injected)];
         let (run, group) = groups
             .into_iter()
-            .find_map(|(run, group)| Some((run?, group)).filter(|(run, _)| run.until == now))?;
-        (run.sampling && self.busy != Some(now)).then(|| self.input(group, run.index))
+            .find_map(|(run, group)| Some((run?, group)).filter(|(run, _)| run.until <= now))?;
+        (run.sampling && !self.is_ready(now)).then(|| self.input(group, run.index))
     }
 
     /// Whether a group is being converted.
@@ -224,7 +230,7 @@ impl Adc {
     ///
     /// `sample` returns the code of the input in [`Self::sampled`].
     pub fn advance(&mut self, now: Tick, sample: impl FnOnce() -> Outcome<u32>) -> Outcome<bool> {
-        if self.busy == Some(now) {
+        if self.is_ready(now) {
             self.busy = None;
             let mut cr = Cr(self.cr);
             if cr.adcal() {
@@ -238,7 +244,7 @@ impl Adc {
             return Ok(false);
         }
         let group = match (self.regular, self.injected) {
-            (Some(run), _) if run.until == now => Group::Regular,
+            (Some(run), _) if run.until <= now => Group::Regular,
             _ => Group::Injected,
         };
         let Some(mut run) = *self.run(group) else { return Ok(false) };
