@@ -269,7 +269,7 @@ pub struct Identity {
 pub struct BoardHealth {
     /// Cause of the last start.
     pub reset: Reset,
-    /// Message and place of the last panic, if a panic caused the start.
+    /// Place of the last panic, or the fault, if one caused the start.
     pub panic: Option<String<96>>,
     /// Cost of reading a scan out of the converters' buffers, in the identity's ticks.
     pub reading: Option<Cost>,

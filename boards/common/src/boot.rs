@@ -78,7 +78,7 @@ pub fn enter_bootloader() -> ! {
 
 /// Records the place of a panic and resets; the next start reports it.
 ///
-/// Messages are left out: without one that is read, the linker drops 2.5 KB of flash.
+/// There is no message, because one that is read brings the code that formats all of them.
 #[inline(never)]
 pub fn panic(place: Option<&Location>) -> ! {
     let mut note = Note::default();

@@ -72,9 +72,9 @@ def test_4_khz_reach_page_mcap_and_parquet(command: str, tmp_path: Path):
     with (tmp_path / "a.mcap").open("rb") as file:
         contents = make_reader(file).get_summary()
     assert contents is not None and contents.statistics is not None
-    for id_, channel in contents.channels.items():
-        if contents.schemas[channel.schema_id].name == "taxel.Frame":
-            assert contents.statistics.channel_message_counts[id_] == summary["frames"]
+    names = {id_: contents.schemas[channel.schema_id].name for id_, channel in contents.channels.items()}
+    (frames,) = (id_ for id_, name in names.items() if name == "taxel.Frame")
+    assert contents.statistics.channel_message_counts[frames] == summary["frames"]
     seq = pq.read_table(tmp_path / "a.parquet", columns=["seq"])["seq"].to_numpy()
     assert len(seq) == summary["frames"] and set(np.diff(seq)) == {1}
     # At most sixty a second; a slow page gets fewer messages without losing frames.

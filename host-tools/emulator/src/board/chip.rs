@@ -379,7 +379,8 @@ pub trait Chip {
     /// An access that the model does not support, or one the chip does not allow.
     fn advance(&mut self, now: Tick, memory: &mut dyn Memory) -> Outcome {
         while let Some((at, source)) = self.common().next.filter(|(at, _)| *at <= now) {
-            // An event that depended on another one happens no earlier than that one.
+            // An event happens no earlier than one that it depended on, or than an access to a
+            // register since.
             let at = at.max(self.common().now);
             self.common_mut().now = at;
             if self.happen(source, at, memory)? {

@@ -206,18 +206,22 @@ impl Adc {
         *self.run(group) = Some(Run { index: 0, samples: 0, sum: 0, sampling: true, until });
     }
 
-    /// Whether a calibration or start-up ends by now.
+    /// Whether a calibration or start-up has ended.
     fn is_ready(&self, now: Tick) -> bool {
         self.busy.is_some_and(|until| until <= now)
     }
 
-    /// Input that is sampled at `now`, if any. The core may have read a register since the end of
-    /// sampling, which moves the time on.
-    pub fn sampled(&self, now: Tick) -> Option<u32> {
+    /// Group whose sampling or converting has ended, if any.
+    fn due(&self, now: Tick) -> Option<(Run, Group)> {
         let groups = [(self.regular, Group::Regular), (self.injected, Group::Injected)];
-        let (run, group) = groups
+        groups
             .into_iter()
-            .find_map(|(run, group)| Some((run?, group)).filter(|(run, _)| run.until <= now))?;
+            .find_map(|(run, group)| Some((run?, group)).filter(|(run, _)| run.until <= now))
+    }
+
+    /// Input that is sampled at `now`, if any.
+    pub fn sampled(&self, now: Tick) -> Option<u32> {
+        let (run, group) = self.due(now)?;
         (run.sampling && !self.is_ready(now)).then(|| self.input(group, run.index))
     }
 
@@ -243,11 +247,7 @@ impl Adc {
             }
             return Ok(false);
         }
-        let group = match (self.regular, self.injected) {
-            (Some(run), _) if run.until <= now => Group::Regular,
-            _ => Group::Injected,
-        };
-        let Some(mut run) = *self.run(group) else { return Ok(false) };
+        let Some((mut run, group)) = self.due(now) else { return Ok(false) };
         let input = self.input(group, run.index);
         if run.sampling {
             run.sum += sample()?;
