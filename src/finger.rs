@@ -394,11 +394,12 @@ impl Finger {
         state.time = scan.time;
         let saturated = signals.health.saturated;
         let flooded = saturated != 0 && saturated.count_ones() >= TAXELS as u32 / 2;
-        let stuck = state.stuck.update(&scan.codes, flooded, &mut signals.health);
-        state.jumps.update(&scan.codes, signals, &state.bias, state.gate.contact());
+        let stuck = state.stuck.update(&scan.codes, flooded, &state.bias, &mut signals.health);
         if scan.lost > 0 {
+            state.jumps.interrupt();
             state.noise.interrupt();
         }
+        state.jumps.update(&scan.codes, signals, &state.bias, state.gate.contact());
         let noisy = state.noise.update(signals, &state.bias);
         let mut status = Status::default();
         let unknown = |(warmth, level): Warm<'_>| warmth.unknown(level);

@@ -236,19 +236,25 @@ async fn converse<R: Read>(
         let scanning = pace == Pace::Live || instrument.streaming();
         let reserve = if pace == Pace::Live { reply_reserve(instrument) } else { 0 };
         let waiting = !unread.is_empty();
+        let mut scan = None;
         let turn = {
-            let (mut scan, mut read) = (pin!(board.scan()), pin!(rx.read(&mut packet)));
-            // The one that did not have the last turn is asked first.
+            let (mut scans, mut read) = (pin!(board.scan()), pin!(rx.read(&mut packet)));
+            // The one that did not have the last turn is asked first. The scan is left where it is
+            // read, because as a part of the turn it would be copied three times.
             poll_fn(|context| {
                 for host in [scanned, !scanned] {
                     if !host {
-                        if scanning && let Poll::Ready(scan) = scan.as_mut().poll(context) {
-                            return Poll::Ready(Either::First(scan));
+                        if scanning && let Poll::Ready(next) = scans.as_mut().poll(context) {
+                            scan = next;
+                            return Poll::Ready(Either::First(()));
                         }
                         continue;
                     }
-                    taken.register(context.waker());
-                    if pipe.free_capacity() < reserve || (restarted && scanning) {
+                    if restarted && scanning {
+                        continue;
+                    }
+                    if pipe.free_capacity() < reserve {
+                        taken.register(context.waker());
                         continue;
                     }
                     if waiting {
@@ -263,18 +269,18 @@ async fn converse<R: Read>(
             .await
         };
         match turn {
-            Either::First(None) => return Ok(End::Scans),
-            Either::First(Some(scan)) => {
+            Either::First(()) => {
+                let Some(scan) = &scan else { return Ok(End::Scans) };
                 (scanned, restarted) = (true, false);
                 let before = board.ticks();
-                let outcome = instrument.scan(&scan);
+                let outcome = instrument.scan(scan);
                 let late = if outcome.reply { instrument.take_reply() } else { None };
                 instrument.note_cost(board.ticks().wrapping_sub(before));
                 reply(&late, &mut buffer, pipe, instrument, pace).await;
                 if outcome.frame {
                     let before = board.ticks();
                     let crc = |bytes: &[u8]| board.crc32(bytes);
-                    let packed = pack_frame_with(instrument.frame(&scan), &mut buffer, crc);
+                    let packed = pack_frame_with(instrument.frame(scan), &mut buffer, crc);
                     if !offer(packed, reply_reserve(instrument), pipe, pace).await {
                         let counters = instrument.counters();
                         counters.lost = counters.lost.wrapping_add(1);

@@ -123,8 +123,8 @@ pub struct BiasTaker {
     seen: u16,
     clipped: bool,
     first: Levels,
-    taxels: [Moments; TAXELS],
-    bridges: [[Moments; 3]; SENSORS],
+    taxels: Moments<TAXELS>,
+    bridges: [Moments<3>; SENSORS],
 }
 
 /// Result of a bias average.
@@ -160,8 +160,8 @@ impl BiasTaker {
             seen: 0,
             clipped: false,
             first: Levels::default(),
-            taxels: [Moments::default(); TAXELS],
-            bridges: [[Moments::default(); 3]; SENSORS],
+            taxels: Moments::NONE,
+            bridges: [Moments::NONE; SENSORS],
         }
     }
 
@@ -175,13 +175,13 @@ impl BiasTaker {
         self.clipped |= levels.health.saturated != 0;
         // Deviations from the first scan, because squares of small numbers keep their digits.
         if let (Some(level), Some(first)) = (&levels.taxels, &self.first.taxels) {
-            add(&mut self.taxels, level, first);
+            self.taxels.add(level, first);
         }
         for (moments, (level, first)) in
             self.bridges.iter_mut().zip(levels.bridges.iter().zip(&self.first.bridges))
         {
             if let (Some(level), Some(first)) = (level, first) {
-                add(moments, level, first);
+                moments.add(level, first);
             }
         }
         (self.seen >= self.wanted).then(|| self.finish(known))
@@ -195,78 +195,64 @@ impl BiasTaker {
         let mut bias = Bias::default();
         if let Some(mut level) = self.first.taxels {
             let known = known.taxels.map(|t| t.noise);
-            let noise = finish(&self.taxels, known, &mut level, &mut noisiest)?;
+            let noise = self.taxels.finish(known, &mut level, &mut noisiest)?;
             bias.taxels = Some(TaxelBias { level, noise });
         }
         for (i, (bias, moments)) in bias.bridges.iter_mut().zip(&self.bridges).enumerate() {
             let Some(mut level) = self.first.bridges.get(i).copied().flatten() else { continue };
             let known = known.bridges.get(i).copied().flatten().map(|b| b.noise);
-            let noise = finish(moments, known, &mut level, &mut noisiest)?;
+            let noise = moments.finish(known, &mut level, &mut noisiest)?;
             *bias = Some(BridgeBias { level, noise });
         }
         Ok(Taken { bias, noisiest: sqrt(noisiest) })
     }
 }
 
-// Small rather than fast, because a bias is rare and there are 28 channels.
-
-/// Adds the deviations of `levels` from those of the `first` scan.
-#[inline(never)]
-fn add(moments: &mut [Moments], levels: &[f32], first: &[f32]) {
-    for (moments, (level, first)) in moments.iter_mut().zip(levels.iter().zip(first)) {
-        moments.add(level - first);
-    }
+/// Running sums for the means and variances of channels that are read together.
+#[derive(Clone, Copy, Debug)]
+struct Moments<const N: usize> {
+    scans: f32,
+    /// Sum and sum of squares of each channel.
+    sums: [[f32; 2]; N],
 }
 
-/// Moves the `first` levels of a group of channels to their means and returns their noise.
-#[inline(never)]
-fn finish(
-    moments: &[Moments],
-    known: Option<f32>,
-    first: &mut [f32],
-    noisiest: &mut f32,
-) -> Result<f32, BiasRefusal> {
-    let limit = BiasTaker::STILL * at_least(known.unwrap_or(BiasTaker::UNKNOWN_NOISE), NOISE_FLOOR);
-    let limit = at_most(limit, NOISE_LIMIT);
-    let (mut worst, mut sum) = (0.0f32, 0.0);
-    for (level, moments) in first.iter_mut().zip(moments) {
-        let variance = moments.variance();
-        worst = at_least(variance, worst);
-        sum += variance;
-        *level += moments.mean();
-    }
-    *noisiest = at_least(worst, *noisiest);
-    if worst > limit * limit {
-        return Err(BiasRefusal::NotStill);
-    }
-    Ok(at_least(sqrt(sum / moments.len() as f32), NOISE_FLOOR))
-}
+impl<const N: usize> Moments<N> {
+    const NONE: Self = Self { scans: 0.0, sums: [[0.0; 2]; N] };
 
-/// Running sums for mean and variance.
-#[derive(Clone, Copy, Debug, Default)]
-struct Moments {
-    n: f32,
-    sum: f32,
-    squares: f32,
-}
-
-impl Moments {
-    fn add(&mut self, value: f32) {
-        self.n += 1.0;
-        self.sum += value;
-        self.squares += value * value;
-    }
-
-    fn mean(&self) -> f32 {
-        if self.n > 0.0 { self.sum / self.n } else { 0.0 }
-    }
-
-    fn variance(&self) -> f32 {
-        if self.n > 1.0 {
-            at_least((self.squares - self.sum * self.mean()) / (self.n - 1.0), 0.0)
-        } else {
-            0.0
+    /// Adds the deviations of `levels` from those of the `first` scan.
+    #[inline(never)]
+    fn add(&mut self, levels: &[f32; N], first: &[f32; N]) {
+        self.scans += 1.0;
+        for ([sum, squares], (level, first)) in self.sums.iter_mut().zip(levels.iter().zip(first)) {
+            let deviation = level - first;
+            *sum += deviation;
+            *squares += deviation * deviation;
         }
+    }
+
+    /// Moves the `first` levels to their means and returns their noise.
+    #[inline(never)]
+    fn finish(
+        &self,
+        known: Option<f32>,
+        first: &mut [f32; N],
+        noisiest: &mut f32,
+    ) -> Result<f32, BiasRefusal> {
+        let known = at_least(known.unwrap_or(BiasTaker::UNKNOWN_NOISE), NOISE_FLOOR);
+        let limit = at_most(BiasTaker::STILL * known, NOISE_LIMIT);
+        let (mut worst, mut all) = (0.0f32, 0.0);
+        for (level, [sum, squares]) in first.iter_mut().zip(&self.sums) {
+            let mean = sum / at_least(self.scans, 1.0);
+            let variance = (squares - sum * mean) / at_least(self.scans - 1.0, 1.0);
+            worst = at_least(variance, worst);
+            all += at_least(variance, 0.0);
+            *level += mean;
+        }
+        *noisiest = at_least(worst, *noisiest);
+        if worst > limit * limit {
+            return Err(BiasRefusal::NotStill);
+        }
+        Ok(at_least(sqrt(all / N as f32), NOISE_FLOOR))
     }
 }
 

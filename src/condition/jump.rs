@@ -1,10 +1,11 @@
-//! Detection of channels that jump alone: noisy, floating or swapped ones, or those with a wrong
-//! bit.
+//! Detection of channels that jump, rest or are noisy alone: floating, stuck or swapped ones, or
+//! those with a wrong bit.
 //!
 //! A touch moves neighbouring taxels together, light moves all readings, and a force moves the
 //! midpoints of a bridge against each other, so that their sum rests. A reading that changes far
 //! more than the others of its family is therefore no touch, nor are two that change places, nor is
-//! a row or a column that changes far more than the other three.
+//! a row or a column that changes far more than the other three, nor are two of these that change
+//! places. A dark reading rests alone if it is stuck. Noise is told by [`RaggedWatch`].
 //!
 //! Limits: a jump of less than some thirty times the noise is not found; nor is one of midpoints
 //! that change places within their sensor. The matrix is not judged while light clips a taxel, nor
@@ -12,6 +13,8 @@
 //! depends on it.
 
 use super::levels::COLUMN;
+use super::ragged::{RaggedWatch, largest};
+use super::stuck::is_loud;
 use super::{Bias, Signals};
 use crate::scan::{COLS, Codes, Midpoints, ROWS, SENSORS, TAXELS, TaxelCodes};
 use crate::units::Code;
@@ -25,8 +28,14 @@ const OTHERS: i32 = 12;
 const OTHER_DARK: i32 = 6;
 /// Factor on the change of the third sum, for a supply that ripples.
 const OTHER_SUMS: i32 = 2;
+/// Factor on the least jump, for two rows or columns that change places.
+const LEAST_LINES: i32 = 16;
+/// Comparisons, one every other scan, after which a dark reading that rests is stuck, and how many
+/// of the four must move on average.
+const DARK_RESTS: u8 = 18;
+const DARK_MOVE: i32 = 5 * LESSONS / 2;
 /// Least jump of the matrix: of the usual change of the third of four readings, which is half a
-/// standard deviation in noise. Dark readings, of which there are few, need twice as much.
+/// standard deviation in noise. A jump of dark readings, of which there are few, is twice as much.
 const LEAST: Scale = Scale { times: 13, rounding: 12 };
 /// Least jump of a sum: of its own usual change, which is four fifths of a standard deviation.
 const LEAST_SUM: Scale = Scale { times: 7, rounding: 8 };
@@ -62,13 +71,18 @@ pub struct JumpWatch {
     unclipped: bool,
     /// Whether all four sensors were sound in the last comparison.
     complete: bool,
-    least: Least,
-    least_sums: [Least; SENSORS],
+    least: Leasts,
     /// Readings in their last comparison, and their changes then. Those of lit ones are without
     /// that of the light from elsewhere.
     matrix: TaxelCodes,
     sums: [i32; SENSORS],
     changes: Readings,
+    ragged: RaggedWatch,
+    /// Dark readings in their last comparison, comparisons in which each has rested, and the usual
+    /// number of those that move, times [`LESSONS`].
+    dark: [Code; COLS],
+    dark_rests: [u8; COLS],
+    dark_moves: i32,
     /// Bit i: reading i is in doubt.
     doubted: u32,
     /// How far its jumps have taken each reading in doubt, in codes. 0: they have cancelled each
@@ -83,6 +97,10 @@ impl JumpWatch {
     pub fn update(&mut self, codes: &Codes, signals: &mut Signals, bias: &Bias, touched: bool) {
         let scan = self.scans;
         self.scans = scan.wrapping_add(1);
+        let noisy = self.ragged.update(codes, &signals.health, scan, &self.least);
+        if noisy != 0 {
+            self.hold(noisy);
+        }
         match scan % TURN {
             0 => {
                 if let Some(taxels) = &codes.taxels {
@@ -90,11 +108,29 @@ impl JumpWatch {
                 }
             }
             2 => self.watch_sums(codes, signals.health.bridge_faults == 0, scan),
-            _ => {}
+            _ => {
+                if signals.health.saturated == 0
+                    && let Some(taxels) = &codes.taxels
+                {
+                    let stuck = self.watch_dark(&taxels.dark, scan);
+                    // Codes of little noise may rest as long.
+                    if stuck != 0
+                        && let Some(at_rest) = &bias.taxels
+                        && is_loud(at_rest.noise, codes.full_scale)
+                    {
+                        self.hold(stuck);
+                    }
+                }
+            }
         }
         if self.doubted != 0 {
             self.mark_doubted(signals, bias, touched);
         }
+    }
+
+    /// Tells that scans have been lost before the next one.
+    pub fn interrupt(&mut self) {
+        self.ragged.interrupt();
     }
 
     /// Returns a number that differs after a jump.
@@ -104,18 +140,18 @@ impl JumpWatch {
 
     /// A clipped reading does not move with the others, neither now nor when it comes back.
     fn watch_matrix(&mut self, taxels: &TaxelCodes, unclipped: bool, scan: u8) {
-        let moved = compare(taxels, &mut self.matrix, &mut self.changes, self.least.codes);
+        let moved = compare(taxels, &mut self.matrix, &mut self.changes, self.least.matrix.codes);
         if !(core::mem::replace(&mut self.unclipped, unclipped) && unclipped) {
             return;
         }
-        if moved && self.least.lessons >= TAUGHT {
+        if moved && self.least.matrix.lessons >= TAUGHT {
             self.judge_matrix();
         }
-        if self.teaches(self.least.lessons, scan)
+        if self.teaches(self.least.matrix.lessons, scan)
             && let Some(row) = self.changes.get(usize::from(scan / LATER) % ROWS)
         {
             let [first, _, third] = largest(row);
-            self.least.learn(first, third, &LEAST);
+            self.least.matrix.learn(first, third, &LEAST);
         }
     }
 
@@ -124,7 +160,7 @@ impl JumpWatch {
     fn watch_sums(&mut self, codes: &Codes, sound: bool, scan: u8) {
         let (mut complete, mut signs) = (sound, 0);
         let [.., changes] = &mut self.changes;
-        let lasts = self.sums.iter_mut().zip(&self.least_sums);
+        let lasts = self.sums.iter_mut().zip(&self.least.sums);
         for ((change, (last, least)), midpoints) in
             changes.iter_mut().zip(lasts).zip(&codes.bridges)
         {
@@ -136,7 +172,7 @@ impl JumpWatch {
         if !(core::mem::replace(&mut self.complete, complete) && complete) {
             return;
         }
-        let [Least { lessons, .. }, ..] = self.least_sums;
+        let [Least { lessons, .. }, ..] = self.least.sums;
         let teaches = self.teaches(lessons, scan);
         if signs < 0 || teaches {
             self.judge_sums(teaches);
@@ -148,24 +184,42 @@ impl JumpWatch {
         (lessons < TAUGHT || scan % LATER < TURN) && self.doubted == 0
     }
 
+    /// Returns the dark readings that rest while most of them move, a bit each as in doubt. One at 0
+    /// is at a rail.
+    #[inline(never)]
+    fn watch_dark(&mut self, dark: &[Code; COLS], scan: u8) -> u32 {
+        let (mut moving, mut stuck, mut changes) = (0, 0, [0; COLS]);
+        let readings = dark.iter().zip(&mut self.dark).zip(&mut self.dark_rests);
+        for (i, (((now, last), rests), change)) in readings.zip(&mut changes).enumerate() {
+            *change = i32::from(now.0) - i32::from(last.0);
+            moving += i32::from(*change != 0);
+            if *change == 0 && now.0 != 0 {
+                *rests = rests.saturating_add(1);
+                stuck |= u32::from(*rests >= DARK_RESTS) << (TAXELS + i);
+            } else {
+                (*rests, *last) = (0, *now);
+            }
+        }
+        if self.teaches(self.least.dark.lessons, scan) {
+            // Light from elsewhere changes all of them.
+            let ambient = changes.iter().sum::<i32>() / COLS as i32;
+            let [first, _, third] = largest(&changes.map(|change| change - ambient));
+            self.least.dark.learn(first, third, &LEAST);
+        }
+        self.dark_moves += moving - (self.dark_moves + LESSONS / 2) / LESSONS;
+        if self.dark_moves >= DARK_MOVE { stuck } else { 0 }
+    }
+
     #[cold]
     #[inline(never)]
     fn judge_matrix(&mut self) {
         let [lit @ .., dark, _] = &self.changes;
-        let (lit, least) = (lit.as_flattened(), self.least.codes);
+        let (lit, least) = (lit.as_flattened(), self.least.matrix.codes);
         let [_, _, third] = largest(dark);
         let dark_limit = OTHER_DARK * third + 2 * least;
         let dark = beyond(dark, dark_limit);
-        let [first, second, third] = largest(lit);
-        let mut limit = OTHERS * second + least;
-        let mut jumped = first > limit;
-        if !jumped {
-            limit = OTHERS * third + least;
-            // Two that change places move against each other, those under a touch do not.
-            let up = lit.iter().filter(|change| **change > limit).count();
-            jumped = second > limit && up == 1;
-        }
-        if jumped {
+        let sizes @ [_, _, third] = largest(lit);
+        if let Some(limit) = jumps_alone(lit, sizes, least, least) {
             self.doubt(beyond(lit, limit), limit);
         } else if third > least {
             self.judge_lines();
@@ -188,15 +242,16 @@ impl JumpWatch {
         self.judge_line(&columns, COLUMN.into(), 1);
     }
 
-    /// Doubts the line that changes alone; the taxels of the first one, and the `step` to the next.
+    /// Doubts the lines that change alone; the taxels of the first one, and the `step` to the next.
     #[inline(never)]
     fn judge_line(&mut self, sums: &[i32; 4], line: u32, step: usize) {
-        let [first, second, _] = largest(sums);
+        let least = self.least.matrix.codes;
         // The noise of four readings is twice that of one.
-        let limit = OTHERS * second + 2 * self.least.codes;
-        if first > limit {
-            let place = beyond(sums, limit).trailing_zeros() as usize;
-            self.doubt(line << ((step * place) & 15), limit / 4);
+        let limit = jumps_alone(sums, largest(sums), 2 * least, LEAST_LINES * least);
+        if let Some(limit) = limit {
+            let places = beyond(sums, limit);
+            let taxels = (0..4).filter(|place| places >> place & 1 == 1);
+            self.doubt(taxels.fold(0, |taxels, place| taxels | line << (step * place)), limit / 4);
         }
     }
 
@@ -206,7 +261,7 @@ impl JumpWatch {
         let [.., sums] = self.changes;
         let [first, _, third] = largest(&sums);
         for (i, change) in sums.iter().map(|change| change.abs()).enumerate() {
-            let Some(least) = self.least_sums.get_mut(i) else { break };
+            let Some(least) = self.least.sums.get_mut(i) else { break };
             let limit = OTHER_SUMS * third + least.codes;
             if teaches {
                 least.learn(first, change.min(LOUDEST * third), &LEAST_SUM);
@@ -217,12 +272,18 @@ impl JumpWatch {
         }
     }
 
+    /// Doubts readings, a bit each, until nothing has been seen of a fault for [`QUIET`] scans.
+    #[inline(never)]
+    fn hold(&mut self, faulty: u32) {
+        self.left = QUIET;
+        self.doubted |= faulty;
+    }
+
     /// Doubts the readings that `jumped`, a bit each, by more than the limit.
     #[inline(never)]
     fn doubt(&mut self, jumped: u32, limit: i32) {
-        self.left = QUIET;
         self.jumps = self.jumps.wrapping_add(1);
-        self.doubted |= jumped;
+        self.hold(jumped);
         let changes = self.changes.as_flattened().iter();
         for (i, (change, away)) in changes.zip(self.away.as_flattened_mut()).enumerate() {
             if jumped >> i & 1 == 1 {
@@ -263,10 +324,18 @@ struct Scale {
     rounding: i32,
 }
 
+/// Least jumps of lit readings, of dark ones, and of sums of midpoints.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Leasts {
+    pub matrix: Least,
+    pub dark: Least,
+    pub sums: [Least; SENSORS],
+}
+
 /// Least change that is a jump, in codes. It is learned, because a scan of fewer samples a reading
 /// has more noise than the record knows.
 #[derive(Clone, Copy, Debug, Default)]
-struct Least {
+pub(super) struct Least {
     /// Usual change, times [`LESSONS`].
     usual: i32,
     codes: i32,
@@ -274,6 +343,17 @@ struct Least {
 }
 
 impl Least {
+    /// A least jump that has been learned.
+    #[cfg(test)]
+    pub fn of(codes: i32) -> Self {
+        Self { usual: 0, codes, lessons: TAUGHT }
+    }
+
+    /// Returns the least jump; the largest number until enough has been learned.
+    pub fn taught(&self) -> i32 {
+        if self.lessons < TAUGHT { i32::MAX } else { self.codes }
+    }
+
     /// Learns a change; nothing if the `largest` of its family is 0, as in a scan that repeats.
     #[inline(never)]
     fn learn(&mut self, largest: i32, change: i32, Scale { times, rounding }: &Scale) {
@@ -322,19 +402,18 @@ fn outside(change: i32, least: i32) -> i32 {
     (least - change) | (least + change)
 }
 
-/// Returns the sizes of the three largest changes.
-#[inline(never)]
-fn largest(changes: &[i32]) -> [i32; 3] {
-    let [mut first, mut second, mut third] = [0; 3];
-    for change in changes {
-        let size = change.abs();
-        if size > third {
-            third = size.min(second);
-            second = second.max(size.min(first));
-            first = first.max(size);
-        }
+/// Returns the limit that a single change is beyond, or two of readings that change places; from
+/// the three largest sizes and the least jumps of one and of two.
+fn jumps_alone(changes: &[i32], sizes: [i32; 3], one: i32, two: i32) -> Option<i32> {
+    let [first, second, third] = sizes;
+    let limit = OTHERS * second + one;
+    if first > limit {
+        return Some(limit);
     }
-    [first, second, third]
+    let limit = OTHERS * third + two;
+    // Two that change places move against each other, those under a touch do not.
+    let up = changes.iter().filter(|change| **change > limit).count();
+    (second > limit && up == 1).then_some(limit)
 }
 
 /// Returns the readings that changed by more than the limit, a bit each.
@@ -350,354 +429,4 @@ fn sum(midpoints: &Midpoints) -> i32 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::condition::random::noise;
-    use crate::condition::{BridgeBias, Health, TaxelBias};
-    use crate::units::FullScale;
-
-    /// Noise of a reading in codes, of 16 bits.
-    const CODES: f32 = 10.0;
-    const SQRT_2: f32 = core::f32::consts::SQRT_2;
-    const LIT: f32 = 30_000.0;
-    const DARK: f32 = 2_000.0;
-    const MIDPOINT: f32 = 32_768.0;
-    /// Scans of 10 ms at 4 kHz.
-    const TEN_MS: usize = 40;
-
-    /// A finger with four sensors, and what changes its readings.
-    struct Fingertip {
-        watch: JumpWatch,
-        random: u32,
-        /// Codes added to each lit reading, dark reading and midpoint.
-        lit: [f32; TAXELS],
-        dark: [f32; COLS],
-        midpoints: [[f32; 4]; SENSORS],
-        sensors: usize,
-        touched: bool,
-        /// Noise of a reading, and what each sensor has more.
-        codes: f32,
-        louder: [f32; SENSORS],
-        /// Faults that other detectors have found.
-        known: Health,
-        /// Times that each scan is given.
-        repeats: usize,
-    }
-
-    impl Fingertip {
-        fn new() -> Self {
-            let mut finger = Self {
-                watch: JumpWatch::default(),
-                random: 7,
-                lit: [0.0; TAXELS],
-                dark: [0.0; COLS],
-                midpoints: [[0.0; 4]; SENSORS],
-                sensors: SENSORS,
-                touched: false,
-                codes: CODES,
-                louder: [1.0; SENSORS],
-                known: Health::SOUND,
-                repeats: 1,
-            };
-            finger.rests(1000);
-            finger
-        }
-
-        /// A finger that has just been switched on.
-        fn restarted(mut self) -> Self {
-            self.watch = JumpWatch::default();
-            self
-        }
-
-        fn rests(&mut self, scans: usize) {
-            assert!((0..scans).all(|_| self.next() == self.known));
-        }
-
-        fn next(&mut self) -> Health {
-            let top = 65_535.0;
-            let (random, codes) = (&mut self.random, self.codes);
-            let mut code = |at: f32| Code((at + codes * noise(random) + 0.5) as u16);
-            let dark = self.dark.map(|by| code(DARK + by));
-            let mut lit = [[Code(0); COLS]; 4];
-            let mut c = [0.0; TAXELS];
-            for (k, (lit, c)) in lit.as_flattened_mut().iter_mut().zip(&mut c).enumerate() {
-                *lit = code(LIT + self.lit[k]);
-                *c = (LIT - DARK - f32::from(lit.0) + f32::from(dark[k % COLS].0)) / top;
-            }
-            let mut bridges = [None; SENSORS];
-            let mut outputs = [None; SENSORS];
-            for i in 0..self.sensors {
-                let mut midpoint = |by| {
-                    let Code(read) = code(0.5 * MIDPOINT);
-                    let noise = f32::from(read) - 0.5 * MIDPOINT;
-                    Code((MIDPOINT + by + self.louder[i] * noise) as u16)
-                };
-                let [a, b, c, d] = self.midpoints[i].map(&mut midpoint);
-                let [fa, fb, fc, fd] = [a, b, c, d].map(|code| f32::from(code.0) / top);
-                bridges[i] = Some(Midpoints { a, b, c, d });
-                outputs[i] = Some([fb - fa, fc - fd, fa + fb - fc - fd]);
-            }
-            let codes = Codes {
-                full_scale: FullScale::BITS_16,
-                taxels: Some(TaxelCodes { lit, dark }),
-                bridges,
-                reference: None,
-                temperature: None,
-            };
-            let mut signals = Signals { taxels: Some(c), bridges: outputs, health: self.known };
-            let taxels = TaxelBias { level: [0.0; TAXELS], noise: SQRT_2 * CODES / top };
-            let sensor = BridgeBias { level: [0.0; 3], noise: 1.63 * CODES / top };
-            let bias = Bias { taxels: Some(taxels), bridges: [Some(sensor); SENSORS] };
-            for _ in 0..self.repeats {
-                signals.health = self.known;
-                self.watch.update(&codes, &mut signals, &bias, self.touched);
-            }
-            signals.health
-        }
-
-        /// Scans until just `expected` is in doubt; no other channel may be before.
-        fn until(&mut self, expected: Health, mut change: impl FnMut(&mut Self)) -> usize {
-            for scan in 1..=2 * TEN_MS {
-                change(self);
-                let doubted = self.next();
-                if doubted == expected {
-                    return scan;
-                }
-                assert!(doubted.dead & !expected.dead == 0, "{doubted:?} for {expected:?}");
-                assert!(
-                    doubted.bridge_faults & !expected.bridge_faults == 0,
-                    "{doubted:?} for {expected:?}"
-                );
-            }
-            panic!("{expected:?} was not found");
-        }
-    }
-
-    fn taxel(k: usize) -> Health {
-        Health { dead: 1 << k, ..Health::SOUND }
-    }
-
-    fn sensor(i: usize) -> Health {
-        Health { bridge_faults: 1 << i, ..Health::SOUND }
-    }
-
-    #[test]
-    fn noisy_reading_is_named_within_10_ms() {
-        for k in 0..TAXELS {
-            let mut finger = Fingertip::new();
-            let scans = finger.until(taxel(k), |finger| {
-                finger.lit[k] = 40.0 * CODES * noise(&mut finger.random);
-            });
-            assert!(scans <= TEN_MS, "taxel {k}: {scans}");
-        }
-        for i in 0..SENSORS {
-            let mut finger = Fingertip::new();
-            let scans = finger.until(sensor(i), |finger| {
-                finger.midpoints[i][2] = 20.0 * CODES * noise(&mut finger.random);
-            });
-            assert!(scans <= TEN_MS, "sensor {i}: {scans}");
-        }
-    }
-
-    #[test]
-    fn noise_that_ends_is_forgotten_at_rest() {
-        let mut finger = Fingertip::new();
-        finger.until(taxel(3), |finger| finger.lit[3] = 50.0 * CODES * noise(&mut finger.random));
-        finger.lit[3] = 0.0;
-        let left = (0..500).filter(|_| finger.next() != Health::SOUND).count();
-        assert!(left <= usize::from(QUIET) + 4, "{left}");
-    }
-
-    #[test]
-    fn step_of_one_reading_is_named_at_once_and_lasts() {
-        for k in 0..TAXELS {
-            let mut finger = Fingertip::new();
-            let scans = finger.until(taxel(k), |finger| finger.lit[k] = 800.0);
-            assert!(scans <= usize::from(TURN), "taxel {k}: {scans}");
-            for scan in 0..1000 {
-                assert_eq!(finger.next(), taxel(k), "scan {scan}");
-            }
-        }
-    }
-
-    #[test]
-    fn step_back_ends_the_doubt_in_a_touch() {
-        let mut finger = Fingertip::new();
-        finger.touched = true;
-        finger.lit.iter_mut().for_each(|lit| *lit = 3_000.0);
-        finger.dark.iter_mut().for_each(|dark| *dark = 3_000.0);
-        finger.until(taxel(9), |finger| finger.lit[9] = 4_000.0);
-        assert!((0..500).all(|_| finger.next() == taxel(9)));
-        finger.lit[9] = 3_000.0;
-        let left = (0..500).filter(|_| finger.next() != Health::SOUND).count();
-        assert!((60..70).contains(&left), "{left}");
-    }
-
-    #[test]
-    fn neighbours_that_change_places_are_both_named() {
-        let mut finger = Fingertip::new();
-        let both = Health { dead: 0b110, ..Health::SOUND };
-        finger.until(both, |finger| (finger.lit[1], finger.lit[2]) = (700.0, -700.0));
-        let mut finger = Fingertip::new();
-        (finger.lit[1], finger.lit[2]) = (700.0, 500.0);
-        finger.rests(100);
-    }
-
-    #[test]
-    fn row_or_column_that_jumps_is_named_and_lasts() {
-        for line in 0..4 {
-            for (taxels, step) in [(0b1111 << (4 * line), 4), (0x1111 << line, 1)] {
-                let mut finger = Fingertip::new();
-                let lost = Health { dead: taxels, ..Health::SOUND };
-                let scans = finger.until(lost, |finger| {
-                    let own = |k: &usize| taxels >> k & 1 == 1;
-                    (0..TAXELS).filter(own).for_each(|k| finger.lit[k] = -0.05 * LIT);
-                });
-                assert!(scans <= usize::from(TURN), "line {line}, {step}: {scans}");
-                (0..1000).for_each(|_| assert_eq!(finger.next(), lost));
-            }
-        }
-    }
-
-    #[test]
-    fn dark_reading_names_its_column() {
-        let mut finger = Fingertip::new();
-        let column = Health { dead: 0x2222, ..Health::SOUND };
-        finger.until(column, |finger| finger.dark[1] = 40.0 * CODES);
-    }
-
-    #[test]
-    fn light_force_and_a_rippling_supply_are_no_jumps() {
-        let mut finger = Fingertip::new();
-        for scan in 0..20_000 {
-            let swing = f32::sin(scan as f32 * 0.16);
-            finger.dark = [1.0, 1.1, 0.9, 1.05].map(|gain| 1_500.0 * gain * swing);
-            for (k, lit) in finger.lit.iter_mut().enumerate() {
-                // A touch that moves over the pad, up to 300 codes in two scans.
-                let touch = f32::sin(scan as f32 * 0.011).max(0.0) * 8_000.0;
-                let (x, y) = (f32::sin(scan as f32 * 7e-4), f32::cos(scan as f32 * 5e-4));
-                let (dx, dy) = ((k % COLS) as f32 - 1.5 - x, (k / COLS) as f32 - 1.5 - y);
-                *lit = touch / (1.0 + dx * dx + dy * dy) + 1_500.0 * swing;
-            }
-            for (i, arms) in finger.midpoints.iter_mut().enumerate() {
-                let (force, ripple) = (6_000.0 * f32::sin(scan as f32 * 0.02), 500.0 * swing);
-                let gain = 1.0 - 0.02 * i as f32;
-                *arms = [force, -force, 0.5 * force, -0.5 * force].map(|u| gain * (u + ripple));
-            }
-            assert_eq!(finger.next(), Health::SOUND, "scan {scan}");
-        }
-    }
-
-    #[test]
-    fn sensors_are_not_judged_if_one_is_missing() {
-        for sensors in 1..SENSORS {
-            let mut finger = Fingertip::new();
-            finger.sensors = sensors;
-            finger.rests(20_000);
-            finger.midpoints[0][0] = 2_000.0;
-            finger.rests(100);
-        }
-    }
-
-    #[test]
-    fn wrong_code_in_a_moving_touch_is_forgotten() {
-        for sensors in [0, SENSORS] {
-            let mut finger = Fingertip::new();
-            (finger.sensors, finger.touched) = (sensors, true);
-            let light = |scan: usize| 2_000.0 * f32::sin(scan as f32 * 0.03);
-            let mut doubted = 0;
-            for scan in 0..2_000 {
-                for (k, lit) in finger.lit.iter_mut().enumerate() {
-                    let (dx, dy) = ((k % COLS) as f32 - 1.5, (k / COLS) as f32 - 1.5);
-                    *lit = light(scan) / (1.0 + dx * dx + dy * dy);
-                }
-                if scan == 1_000 {
-                    finger.lit[5] = 9_000.0;
-                }
-                doubted += usize::from(finger.next() != Health::SOUND);
-            }
-            assert!((1..=80).contains(&doubted), "{sensors} sensors: {doubted}");
-        }
-    }
-
-    #[test]
-    fn more_noise_than_the_record_knows_is_learned() {
-        let mut finger = Fingertip::new().restarted();
-        finger.codes = 3.0 * CODES;
-        finger.rests(200_000);
-        let mut finger = Fingertip::new().restarted();
-        finger.louder = [1.0, 3.0, 1.0, 2.0];
-        finger.rests(400_000);
-    }
-
-    #[test]
-    fn finger_with_a_fault_from_the_start_is_judged_like_others() {
-        let dead = Health { dead: 1 << 6, ..Health::SOUND };
-        let broken = Health { bridge_faults: 1 << 2, ..Health::SOUND };
-        for known in [dead, broken] {
-            let mut finger = Fingertip::new().restarted();
-            finger.known = known;
-            finger.rests(20_000);
-            let named = Health { dead: known.dead | 1 << 9, ..known };
-            finger.until(named, |finger| finger.lit[9] = 800.0);
-        }
-        // A sensor that is plugged in later.
-        let mut finger = Fingertip::new().restarted();
-        finger.sensors = SENSORS - 1;
-        finger.rests(2_000);
-        finger.sensors = SENSORS;
-        finger.rests(20_000);
-        finger.until(sensor(3), |finger| finger.midpoints[3][0] = 600.0);
-    }
-
-    #[test]
-    fn scans_that_repeat_are_no_jumps() {
-        for repeats in [2, 10, 50] {
-            let mut finger = Fingertip::new().restarted();
-            finger.repeats = repeats;
-            finger.rests(200_000 / repeats);
-        }
-    }
-
-    #[test]
-    fn lasting_step_is_not_forgotten_with_another_jump() {
-        let mut finger = Fingertip::new();
-        finger.touched = true;
-        finger.until(taxel(3), |finger| finger.lit[3] = 1_500.0);
-        // A fast touch in which another taxel jumps, so that far more is allowed.
-        let both = Health { dead: 1 << 3 | 1 << 12, ..Health::SOUND };
-        finger.until(both, |finger| {
-            finger.lit[12] += 10_000.0;
-            finger.lit[9] += 500.0;
-        });
-        (finger.lit[9], finger.lit[12]) = (0.0, 0.0);
-        let last = (0..500).map(|_| finger.next()).last();
-        assert_eq!(last, Some(taxel(3)));
-    }
-
-    #[test]
-    fn clipping_taxels_are_no_jumps() {
-        let mut watch = JumpWatch::default();
-        let bias = Bias {
-            taxels: Some(TaxelBias { level: [0.0; TAXELS], noise: 1e-4 }),
-            ..Bias::default()
-        };
-        for scan in 0..4_000u32 {
-            // All but one are clipped, and that one follows the light.
-            let light = if scan % 400 < 200 { 40_000 } else { 60_000 };
-            let (mut lit, mut signals) = ([[Code(65_535); COLS]; 4], Signals::default());
-            lit[2][1] = Code(light);
-            signals.health.saturated = !(1 << 9);
-            signals.taxels = Some([0.0; TAXELS]);
-            let codes = Codes {
-                full_scale: FullScale::BITS_16,
-                taxels: Some(TaxelCodes { lit, dark: [Code(9_000); COLS] }),
-                bridges: [None; SENSORS],
-                reference: None,
-                temperature: None,
-            };
-            watch.update(&codes, &mut signals, &bias, false);
-            assert_eq!((signals.health.dead, signals.health.bridge_faults), (0, 0));
-        }
-    }
-}
+mod tests;

@@ -13,11 +13,9 @@
 //! one of a finger without sensors may be found four scans late; and with half a code of noise and
 //! few channels a sound scan that happens to repeat may be taken for frozen.
 
-use core::ops::RangeInclusive;
-
-use super::Health;
+use super::{Bias, Health};
 use crate::scan::{COLS, Codes, Midpoints, ROWS, SENSORS};
-use crate::units::Code;
+use crate::units::{Code, FullScale};
 
 /// Codes of four channels that are visited together, two in a word: a row of taxels, or a sensor.
 type Group = [u32; 2];
@@ -27,19 +25,29 @@ const ALL: u32 = (1 << COLS) - 1;
 /// Mask of the taxels; the other bits are midpoints.
 const TAXELS: u32 = 0xffff;
 
-/// Least and most comparisons after which a resting channel is judged.
+/// Least comparisons after which a resting channel is judged: with little noise, and with
+/// [`LOUD`] codes of it.
 ///
-/// With a noise of one code a channel in the middle of its code rests for the least in one of 10¹⁰
-/// visits, even if movement hid its noise before. With a quarter of a code it moves in one of 22
-/// scans, and rests for the most in one of 10¹⁰.
-const JUDGED: RangeInclusive<u32> = 24..=512;
+/// With a noise of one code, or of two, a channel in the middle of its code rests for so long in
+/// one of 10¹⁰ visits, even if movement hid its noise before.
+const LEAST: [u32; 2] = [24, 14];
+const LOUD: f32 = 2.0;
+/// Noise of a signal over that of its codes, at most: √2 in a taxel's, of two codes; √2⅔ in a
+/// bridge's three, of two, two and four.
+const CODES_OF_A_SIGNAL: f32 = 1.65;
+/// Most codes that a converter tells apart: sums of eight conversions of 12 bits. Codes of a larger
+/// scale may have been made larger.
+const FINEST: u16 = 8 * 4095;
+/// Most comparisons after which a resting channel is judged. With a noise of a quarter of a code it
+/// moves in one of 22 scans, and rests for so long in one of 10¹⁰ visits.
+const MOST: u32 = 512;
 /// Comparisons beyond three times the longest rest.
 const MARGIN: u32 = 4;
 /// Equal scans in a row that show codes without noise.
 const NO_NOISE: u32 = 16;
 /// Comparisons of a short visit. It teaches nothing, nor does one comparison more, the first after
 /// which a channel at a rail is noticed.
-const SHORT: u32 = 6;
+const SHORT: u32 = 3;
 /// Visits in a lesson on how long channels rest.
 const LESSON: u32 = 128 * GROUPS as u32;
 
@@ -76,14 +84,20 @@ pub struct StuckWatch {
 impl StuckWatch {
     /// Processes one scan, adds the stuck channels to its `health` and returns whether there are
     /// any. All are if the scan is frozen. Codes of a `flooded` matrix, whose taxels clip, have no
-    /// noise.
+    /// noise; that of a finger at rest is the bias's.
     ///
     /// Whatever is rare is done in functions of its own, so that a usual scan takes little time.
-    pub fn update(&mut self, codes: &Codes, flooded: bool, health: &mut Health) -> bool {
+    pub fn update(
+        &mut self,
+        codes: &Codes,
+        flooded: bool,
+        bias: &Bias,
+        health: &mut Health,
+    ) -> bool {
         match read(codes, self.group()) {
             Some(now) if self.left == 0 => self.begin(now),
             Some(now) => {
-                if self.visit(now, codes, flooded) {
+                if self.visit(now, codes, flooded, bias) {
                     mark(health, present(codes));
                     return true;
                 }
@@ -117,7 +131,7 @@ impl StuckWatch {
 
     /// Compares the channels of the group with their last codes. Returns true if the scan is
     /// frozen.
-    fn visit(&mut self, now: Group, codes: &Codes, flooded: bool) -> bool {
+    fn visit(&mut self, now: Group, codes: &Codes, flooded: bool, bias: &Bias) -> bool {
         let [one, other] = core::mem::replace(&mut self.last, now);
         let new = [now[0] ^ one, now[1] ^ other];
         self.changed[0] |= new[0];
@@ -125,7 +139,7 @@ impl StuckWatch {
         self.left -= 1;
         let rests = new[0] | new[1] == 0;
         if rests || self.left == 0 {
-            return self.visit_slowly(rests, codes, flooded);
+            return self.visit_slowly(rests, codes, flooded, bias);
         }
         if self.changed.iter().all(|two| two << 16 != 0 && two >> 16 != 0) {
             if self.moved == u32::MAX {
@@ -141,7 +155,7 @@ impl StuckWatch {
     /// usual.
     #[cold]
     #[inline(never)]
-    fn visit_slowly(&mut self, rests: bool, codes: &Codes, flooded: bool) -> bool {
+    fn visit_slowly(&mut self, rests: bool, codes: &Codes, flooded: bool, bias: &Bias) -> bool {
         let compared = self.until - self.left;
         if self.left == 0 {
             // The next comparison takes longer than usual, too.
@@ -152,12 +166,12 @@ impl StuckWatch {
             if mix == self.mix && compared == self.rested_at + 1 {
                 // The rest of channels tells nothing new.
                 self.left += 1;
-                self.repeats = (self.repeats + 1).min(*JUDGED.end());
+                self.repeats = (self.repeats + 1).min(MOST);
                 return self.is_frozen();
             }
             self.learn_repeats();
             (self.mix, self.rested_at) = (mix, compared);
-            if compared < *JUDGED.start() {
+            if compared < self.least(codes, bias) {
                 return false;
             }
         }
@@ -171,7 +185,7 @@ impl StuckWatch {
             moved |= u32::from(moves) << i;
         }
         let rested = ALL & !(moved | self.stuck >> self.shift()) != 0;
-        if rested && compared < self.most() {
+        if rested && compared < self.judged(codes, bias) {
             return false;
         }
         self.end(moved, compared, codes);
@@ -196,8 +210,8 @@ impl StuckWatch {
     }
 
     /// Returns the comparisons after which a channel at rest is judged.
-    fn most(&self) -> u32 {
-        let (least, most) = (*JUDGED.start(), *JUDGED.end());
+    fn judged(&self, codes: &Codes, bias: &Bias) -> u32 {
+        let least = self.least(codes, bias);
         if self.visits < GROUPS as u32 {
             // It is not known yet whether most move.
             return least;
@@ -205,7 +219,18 @@ impl StuckWatch {
         let longest = self.longest.get(self.group()).copied().unwrap_or_default().of_all();
         // Without noise, a movement that ends lets channels rest one by one.
         let judged = self.taught && self.repeated.of_all() < NO_NOISE;
-        if judged { (3 * (SHORT + longest) + MARGIN).clamp(least, most) } else { most }
+        if judged { (3 * (SHORT + longest) + MARGIN).clamp(least, MOST) } else { MOST }
+    }
+
+    /// Returns the least of these comparisons, which the noise of the group's codes decides.
+    #[inline(never)]
+    fn least(&self, codes: &Codes, bias: &Bias) -> u32 {
+        let [quiet, loud] = LEAST;
+        let noise = match self.group().checked_sub(ROWS) {
+            None => bias.taxels.as_ref().map(|taxels| taxels.noise),
+            Some(sensor) => bias.bridges.get(sensor).and_then(Option::as_ref).map(|of| of.noise),
+        };
+        if noise.is_some_and(|noise| is_loud(noise, codes.full_scale)) { loud } else { quiet }
     }
 
     /// Ends a visit in which these channels `moved`. If three quarters of the sound ones of their
@@ -254,6 +279,12 @@ impl StuckWatch {
         self.repeated.turn();
         self.longest.iter_mut().for_each(Longest::turn);
     }
+}
+
+/// Returns whether codes have [`LOUD`] codes of noise or more, from the noise of their signals.
+#[inline(never)]
+pub(super) fn is_loud(noise: f32, full_scale: FullScale) -> bool {
+    noise * f32::from(full_scale.top().0.min(FINEST)) >= LOUD * CODES_OF_A_SIGNAL
 }
 
 /// Marks channels as faulty, a bit each as in [`StuckWatch::stuck`].
@@ -335,8 +366,8 @@ impl Longest {
 mod tests {
     use super::*;
     use crate::condition::random::noise;
+    use crate::condition::{BridgeBias, NOISE_FLOOR, TaxelBias};
     use crate::scan::{TAXELS, TaxelCodes};
-    use crate::units::FullScale;
 
     const CHANNELS: usize = TAXELS + COLS * SENSORS;
 
@@ -349,6 +380,7 @@ mod tests {
         /// Codes at which channels stick.
         held: [Option<Code>; CHANNELS],
         last: Codes,
+        bias: Bias,
     }
 
     impl Fingertip {
@@ -361,7 +393,11 @@ mod tests {
                 temperature: None,
             };
             let held = [None; CHANNELS];
-            Self { noise, random, watch: StuckWatch::default(), scans: 0, held, last }
+            let of_codes = |codes: f32| (noise * codes.sqrt() / 32_760.0).max(NOISE_FLOOR);
+            let taxels = TaxelBias { level: [0.0; TAXELS], noise: of_codes(2.0) };
+            let sensor = BridgeBias { level: [0.0; 3], noise: of_codes(2.67) };
+            let bias = Bias { taxels: Some(taxels), bridges: [Some(sensor); SENSORS] };
+            Self { bias, noise, random, watch: StuckWatch::default(), scans: 0, held, last }
         }
 
         /// Code of a channel that moved by `by` codes.
@@ -395,7 +431,8 @@ mod tests {
             self.scans += 1;
             let clips = |code: Code| codes.full_scale.clips(code);
             let mut health = Health::SOUND;
-            self.watch.update(&codes, clips(codes.taxels.unwrap().lit[0][0]), &mut health);
+            let flooded = clips(codes.taxels.unwrap().lit[0][0]);
+            self.watch.update(&codes, flooded, &self.bias, &mut health);
             health
         }
 
@@ -454,6 +491,20 @@ mod tests {
     }
 
     #[test]
+    fn stuck_channel_of_a_loud_finger_is_flagged_in_40_scans() {
+        for noise in [2.4, 4.0, 6.0] {
+            let mut late = 0;
+            for channel in 0..CHANNELS {
+                let mut finger = Fingertip::new(noise, 1 + channel as u32);
+                assert_eq!(finger.flagged(30_000, |_| 0.0), 0);
+                finger.hold(channel);
+                late += usize::from(finger.until(stuck(channel)) > 40);
+            }
+            assert!(late <= 1, "noise of {noise}: {late} of {CHANNELS}");
+        }
+    }
+
+    #[test]
     fn stuck_row_column_and_sensor_are_flagged() {
         let row = ([4, 5, 6, 7], Health { dead: 0b1111 << 4, ..Health::SOUND });
         let column = ([1, 5, 9, 13], Health { dead: 0x2222, ..Health::SOUND });
@@ -475,7 +526,7 @@ mod tests {
 
     #[test]
     fn sound_finger_is_not_flagged_whatever_its_noise() {
-        for noise in [0.3, 0.5, 1.0, 1.4, 5.0] {
+        for noise in [0.3, 0.5, 1.0, 1.4, 2.0, 2.4, 5.0] {
             for seed in 1..4 {
                 let flagged = Fingertip::new(noise, seed).flagged(50_000, |_| 0.0);
                 assert_eq!(flagged, 0, "noise of {noise}");
@@ -489,7 +540,7 @@ mod tests {
             let on = (i / 20_000).is_multiple_of(2);
             if on { 30.0 * (i as f32 * 0.628).sin() } else { 0.0 }
         };
-        for noise in [0.5, 1.0, 1.4] {
+        for noise in [0.5, 1.0, 1.4, 2.0, 2.4] {
             let flagged = Fingertip::new(noise, 1).flagged(200_000, flicker);
             assert_eq!(flagged, 0, "noise of {noise}");
         }

@@ -200,8 +200,9 @@ impl<C: Chip, F: Flash> Board for Scanner<C, F> {
             match select(self.frames.queue.ready_to_receive(), Timer::after(Self::PAUSE)).await {
                 Either::First(()) => {
                     self.chip.feed();
-                    if let Ok(scan) = self.frames.queue.try_receive() {
-                        return Some(scan);
+                    let scan = self.frames.queue.try_receive().ok();
+                    if scan.is_some() {
+                        return scan;
                     }
                 }
                 Either::Second(()) if self.frames.paused.load(Ordering::Relaxed) => {
