@@ -161,6 +161,7 @@ pub fn task(test: &Test, steps: &mut Steps) -> Result<()> {
         },
     )?;
     if profile == Profile::Nightly && part == Part::All {
+        steps.take("figures of the reference finger", || pages::task(&Pages::CHECK_ALL))?;
         steps.take("fuzzing", || fuzz::all(FUZZ_SECONDS))?;
     }
     Ok(())

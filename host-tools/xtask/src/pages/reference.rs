@@ -4,9 +4,9 @@
 //! Writes host-tools/research/data/reference.csv and labels.csv.
 
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use serde_json::Value;
 
 use super::measure::{self, Run};
@@ -303,15 +303,34 @@ fn rms(judged: &[(Value, f64)], target: &str, over_contacts: bool) -> f64 {
     (squares / rows).sqrt()
 }
 
-/// Simulates, fits and measures; writes both tables.
-pub fn simulate() -> Result<()> {
+/// Simulates, fits and measures; writes both tables. With `check`, fails if one differs.
+pub fn simulate(check: bool) -> Result<()> {
     let bench = Bench::new()?;
-    write(LABELS, &bench.labels()?)?;
-    write(FIGURES, &bench.figures()?)
+    keep(LABELS, &bench.labels()?, check)?;
+    keep(FIGURES, &bench.figures()?, check)
 }
 
-fn write(path: &str, text: &str) -> Result<()> {
-    std::fs::write(Path::new(&root()).join(path), text).with_context(|| path.to_owned())
+fn keep(path: &str, text: &str, check: bool) -> Result<()> {
+    let file = root().join(path);
+    if !check {
+        return std::fs::write(file, text).with_context(|| path.to_owned());
+    }
+    compare(path, &std::fs::read_to_string(file).with_context(|| path.to_owned())?, text)
+}
+
+/// Fails with the first line that differs.
+fn compare(path: &str, kept: &str, today: &str) -> Result<()> {
+    let equal = kept.lines().zip(today.lines()).take_while(|(kept, today)| kept == today).count();
+    let line = |text: &str| text.lines().nth(equal).map(str::to_owned);
+    match (line(kept), line(today)) {
+        (None, None) => Ok(()),
+        (kept, today) => bail!(
+            "{path}:{}: {}, but today's simulation gives {}; run `cargo xtask pages --simulate`",
+            equal + 1,
+            kept.unwrap_or_else(|| "no line".into()),
+            today.unwrap_or_else(|| "none".into())
+        ),
+    }
 }
 
 #[cfg(test)]
@@ -323,6 +342,21 @@ mod tests {
         let trace = "# simulated=x\nt_us,s0_fx_n,fx_n,x_mm\n1,2,3,4\n";
         assert_eq!(without(trace, &["s0_", "x_mm"]).unwrap(), "# simulated=x\nt_us,fx_n\n1,3\n");
         assert!(without("# a\n", &[]).is_err());
+    }
+
+    #[test]
+    fn stale_table_is_named_with_its_line() {
+        assert!(compare("a.csv", "a,1\nb,2\n", "a,1\nb,2\n").is_ok());
+        let error = |kept, today| compare("a.csv", kept, today).unwrap_err().to_string();
+        let remedy = "run `cargo xtask pages --simulate`";
+        assert_eq!(
+            error("a,1\nb,2\n", "a,1\nb,3\n"),
+            format!("a.csv:2: b,2, but today's simulation gives b,3; {remedy}")
+        );
+        assert_eq!(
+            error("a,1\nb,2\n", "a,1\n"),
+            format!("a.csv:2: b,2, but today's simulation gives none; {remedy}")
+        );
     }
 
     #[test]
