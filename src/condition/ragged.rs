@@ -8,7 +8,8 @@
 //!
 //! Limits: not found are noise below some four times the usual, that of more than two readings of a
 //! kind or of one sensor, and that which lasts from scan to scan. Taken for noise are a tap above a
-//! corner that is over within three scans, and scans of quick touches at uneven times.
+//! corner that is over within three scans, scans of quick touches at uneven times, and a stick-slip
+//! of some fifteen scans or less that moves a single midpoint.
 
 use super::Health;
 use super::jump::{Least, Leasts};

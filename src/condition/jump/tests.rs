@@ -492,15 +492,43 @@ fn light_that_flickers_faster_than_scans_is_no_fault() {
     }
 }
 
+/// Midpoints of which one moves far more than the others, so that their sum rests.
+fn mostly_one(by: f32) -> [f32; 4] {
+    [by, -by / 3.0, -by / 3.0, -by / 3.0]
+}
+
 #[test]
 fn sensor_under_stick_slip_is_no_fault() {
-    for creep in [4, 9, 20, 40] {
+    for creep in [20, 40, 100] {
         let mut finger = Fingertip::new();
-        for scan in 0..20_000 {
-            // A midpoint far from its limits creeps away, and comes back at once.
-            let at = 30.0 * CODES * (scan % creep) as f32 / creep as f32;
-            finger.midpoints[0] = [at, -at, at / 3.0, -at / 3.0];
+        for scan in 0..200_000 {
+            // A midpoint creeps away, and comes back at once.
+            let at = 120.0 * CODES * (scan % creep) as f32 / creep as f32;
+            finger.midpoints[0] = mostly_one(at);
             assert_eq!(finger.next(), Health::SOUND, "{creep} scans, scan {scan}");
         }
+    }
+}
+
+#[test]
+fn two_noisy_readings_are_both_named() {
+    for [one, other] in [[1, 2], [3, 9]] {
+        let mut finger = Fingertip::new();
+        finger.until(Health { dead: 1 << one | 1 << other, ..Health::SOUND }, |finger| {
+            for k in [one, other] {
+                finger.lit[k] = 10.0 * CODES * noise(&mut finger.random);
+            }
+        });
+    }
+}
+
+#[test]
+fn noise_is_not_told_beside_a_clipped_taxel_or_a_faulty_sensor() {
+    let mut finger = Fingertip::new();
+    finger.known = Health { saturated: 1 << 5, bridge_faults: 1, ..Health::SOUND };
+    for scan in 0..2_000 {
+        finger.lit[9] = 10.0 * CODES * noise(&mut finger.random);
+        finger.midpoints[2] = mostly_one(10.0 * CODES * noise(&mut finger.random));
+        assert_eq!(finger.next(), finger.known, "scan {scan}");
     }
 }
