@@ -15,6 +15,7 @@ mod spice;
 
 use anyhow::{Context, Result, bail};
 
+use crate::marks;
 use crate::run::root;
 
 /// Folder of the files that a board is built from.
@@ -57,10 +58,7 @@ pub fn task(check: bool) -> Result<()> {
 fn whole(check: bool) -> Result<()> {
     for (path, bytes) in files() {
         let path = root().join(path);
-        if !check {
-            std::fs::create_dir_all(path.parent().unwrap_or(&path))?;
-            std::fs::write(&path, bytes)?;
-        } else if std::fs::read(&path).unwrap_or_default() != bytes {
+        if marks::whole(&path, &bytes, check)? && check {
             bail!("{} differs; run `cargo xtask hardware`", path.display());
         }
     }

@@ -1,4 +1,5 @@
-//! Generated parts of files, between a line with `KIND: NAME` and the next one with `KIND: end`.
+//! Generated files, and generated parts of files: between a line with `KIND: NAME` and the next one
+//! with `KIND: end`.
 
 use std::path::Path;
 
@@ -14,6 +15,19 @@ pub fn update(path: &Path, kind: &str, parts: &[Part], check: bool) -> Result<bo
     let different = filled != text;
     if different && !check {
         std::fs::write(path, filled)?;
+    }
+    Ok(different)
+}
+
+/// Returns whether a file that is generated as a whole differs; writes it unless `check`.
+pub fn whole(path: &Path, bytes: &[u8], check: bool) -> Result<bool> {
+    let different = std::fs::read(path).unwrap_or_default() != bytes;
+    if different && !check {
+        let write = || {
+            std::fs::create_dir_all(path.parent().unwrap_or(path))?;
+            std::fs::write(path, bytes)
+        };
+        write().with_context(|| path.display().to_string())?;
     }
     Ok(different)
 }
@@ -44,6 +58,18 @@ pub fn lines(lines: impl IntoIterator<Item = String>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn whole_file_is_written_where_it_differs_unless_checked() {
+        let folder = crate::run::target().join("marks");
+        let _ = std::fs::remove_dir_all(&folder);
+        let path = folder.join("a.csv");
+        assert!(whole(&path, b"a\n", true).unwrap() && !path.exists());
+        assert!(whole(&path, b"a\n", false).unwrap());
+        assert!(!whole(&path, b"a\n", true).unwrap());
+        assert!(whole(&path, b"b\n", true).unwrap());
+        assert_eq!(std::fs::read(&path).unwrap(), b"a\n");
+    }
 
     #[test]
     fn part_without_its_markers_is_an_error() {

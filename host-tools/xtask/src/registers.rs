@@ -18,6 +18,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 
 use crate::changes::packages;
+use crate::marks;
 use crate::run::{locked, program, root};
 
 /// Emulated chip and its descriptions.
@@ -107,9 +108,7 @@ pub fn task(check: bool) -> Result<()> {
         (emulator.join("data/register-differences.csv"), differences::csv(&found)),
         (page, drawn),
     ] {
-        if !check {
-            std::fs::write(&path, text).with_context(|| path.display().to_string())?;
-        } else if std::fs::read_to_string(&path).ok().as_deref() != Some(&text) {
+        if marks::whole(&path, text.as_bytes(), check)? && check {
             bail!(
                 "{} differs from the chips' descriptions; run `cargo xtask registers`",
                 path.display()

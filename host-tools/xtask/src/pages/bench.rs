@@ -7,7 +7,7 @@ use taxel::scan::ScanSettings;
 
 use super::reference::{CELL, FIGURES, LABELS};
 use super::tables::{Csv, cell, read};
-use crate::marks::Part;
+use crate::marks::{self, Part};
 use crate::run::root;
 
 /// Page of the protocol.
@@ -269,12 +269,8 @@ fn blank(board: &str) -> Result<Vec<u8>> {
 pub fn update(check: bool) -> Result<Vec<String>> {
     let mut different = Vec::new();
     for board in BOARDS {
-        let (path, bytes) = (root().join(form(board)), blank(board)?);
-        if std::fs::read(&path).unwrap_or_default() != bytes {
+        if marks::whole(&root().join(form(board)), &blank(board)?, check)? {
             different.push(form(board));
-            if !check {
-                std::fs::write(path, bytes)?;
-            }
         }
     }
     Ok(different)

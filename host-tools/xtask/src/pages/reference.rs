@@ -10,6 +10,7 @@ use anyhow::{Context, Result, bail, ensure};
 use serde_json::Value;
 
 use super::measure::{self, Run};
+use crate::marks;
 use crate::run::{program, root, target};
 
 /// Figures of the reference finger: resolution, hysteresis, times, temperature.
@@ -312,10 +313,10 @@ pub fn simulate(check: bool) -> Result<()> {
 
 fn keep(path: &str, text: &str, check: bool) -> Result<()> {
     let file = root().join(path);
-    if !check {
-        return std::fs::write(file, text).with_context(|| path.to_owned());
+    if !marks::whole(&file, text.as_bytes(), check)? || !check {
+        return Ok(());
     }
-    compare(path, &std::fs::read_to_string(file).with_context(|| path.to_owned())?, text)
+    compare(path, &std::fs::read_to_string(file).unwrap_or_default(), text)
 }
 
 /// Fails with the first line that differs.
