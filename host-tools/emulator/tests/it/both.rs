@@ -19,8 +19,8 @@ use taxel_emulator::board::script::Session;
 use taxel_emulator::board::time::micros;
 
 use crate::support::{
-    board, deviation, first_seen, info, name, packed, repository, scene, session, stream_codes,
-    tim1,
+    board, deviation, first_seen, health, info, name, packed, repository, scene, session,
+    stream_codes, tim1,
 };
 
 fn streams_without_a_loss(model: Model, seconds: u64) {
@@ -32,7 +32,7 @@ fn streams_without_a_loss(model: Model, seconds: u64) {
     session.run(micros(1_000_000 * seconds)).unwrap();
     let after = info(&mut session);
 
-    let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
+    let health = health(&mut session);
     assert_eq!((health.reset, health.panic), (Reset::Power, None));
     assert_eq!(after.counters.lost, 0);
     assert_eq!(after.counters.overruns, before.counters.overruns);
@@ -84,7 +84,7 @@ fn stack_overflow_faults_and_is_reported(model: Model) {
     session.board.lower_stack(low).unwrap();
     assert_eq!(session.board.run(micros(400_000)).unwrap(), End::Reset(Cause::Software));
     session.reopen().unwrap();
-    let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
+    let health = health(&mut session);
     assert_eq!((health.reset, health.panic.as_deref()), (Reset::Software, Some("stack overflow")));
 }
 
@@ -211,7 +211,7 @@ fn suspended_bus_stops_the_scan_until_wake(model: Model) {
     session.run(micros(200_000)).unwrap();
     assert!(session.frames.len() > 190, "{} frames", session.frames.len());
     assert_eq!(session.bad, 0);
-    let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
+    let health = health(&mut session);
     assert_eq!(health.reset, Reset::Power);
 }
 
@@ -326,7 +326,7 @@ fn program_starts_anew_after_leaving_the_bootloader(model: Model) {
     session.ask(Command::Stream(true)).unwrap();
     session.run(micros(100_000)).unwrap();
     assert!(session.frames.len() > 90, "{} frames", session.frames.len());
-    let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
+    let health = health(&mut session);
     assert_eq!((health.reset, health.panic), (Reset::Software, None));
 }
 
@@ -441,7 +441,7 @@ fn watchdog_resets_when_no_scan_comes(model: Model) {
     let end = session.board.run(micros(4_000_000)).unwrap();
     assert_eq!(end, End::Reset(Cause::Watchdog));
     session.reopen().unwrap();
-    let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
+    let health = health(&mut session);
     assert_eq!((health.reset, health.panic), (Reset::Watchdog, None));
 }
 

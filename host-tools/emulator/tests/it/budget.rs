@@ -6,7 +6,7 @@ use scan_plan::g431::CLOCK_HZ;
 use taxel::calibration::MAX_BYTES;
 use taxel::estimate::contact_point::PointMethod;
 use taxel::frame::{Fields, Status};
-use taxel::wire::message::{Command, Request, Response};
+use taxel::wire::message::{Command, Request};
 use taxel::wire::{MAX_PACKET, pack};
 
 use taxel_emulator::board::model::Model::{self, F411, G431};
@@ -47,8 +47,8 @@ fn session(board: Model, ideal: bool, fields: Fields, hz: u16) -> Session {
 
 /// Worst cycles so far to read, estimate and send a scan.
 fn worst(session: &mut Session) -> [u32; 3] {
-    let Response::Info(info) = session.ask(Command::Info).unwrap() else { panic!() };
-    let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
+    let info = support::info(session);
+    let health = support::health(session);
     [health.reading.unwrap(), info.cost, health.sending.unwrap()].map(|cost| cost.worst)
 }
 
@@ -111,7 +111,7 @@ fn frame(session: &mut Session) -> Rows {
 
 /// Compares the deepest stack so far with the images' table.
 fn has_its_stated_stack(session: &mut Session, board: Model) {
-    let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
+    let health = support::health(session);
     let (deepest, _) = health.stack.unwrap();
     let seen = f64::from(deepest) / 1024.0;
     let (bound, stated) = support::stack(support::name(board));
@@ -145,7 +145,7 @@ fn full_stream_exceeds_usb_but_not_the_core() {
     let rows = both(|ideal| {
         let mut session = session(G431, ideal, Fields::ALL, 4000);
         let [_, estimating, sending] = worst(&mut session);
-        let Response::Info(info) = session.ask(Command::Info).unwrap() else { panic!() };
+        let info = support::info(&mut session);
         assert!(
             info.counters.lost > 0,
             "USB carries every frame, so half a frame is the limit here too"

@@ -2,7 +2,7 @@
 
 use taxel::calibration::MAX_BYTES;
 use taxel::frame::{Fields, Status};
-use taxel::wire::message::{Command, Counters, Reset, Response};
+use taxel::wire::message::{Command, Counters, Reset};
 
 use taxel_emulator::board::chip::Cause;
 use taxel_emulator::board::cpu::End;
@@ -173,7 +173,7 @@ fn panic_resets_and_is_reported_once() {
     assert_eq!(session.board.run(micros(400_000)).unwrap(), End::Reset(Cause::Software));
     let health = |session: &mut Session| {
         session.reopen().unwrap();
-        let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
+        let health = support::health(session);
         (health.reset, health.panic)
     };
     let (reset, panic) = health(&mut session);

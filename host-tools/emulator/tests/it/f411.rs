@@ -4,14 +4,14 @@ use scan_plan::f411::{CLOCK_HZ, INPUTS, TICKS_PER_CYCLE, plan};
 use scan_plan::settle;
 use taxel::frame::{Fields, Status};
 use taxel::scan::ScanSettings;
-use taxel::wire::message::{Command, Response};
+use taxel::wire::message::Command;
 
 use taxel_emulator::board::f411::registers::base;
 use taxel_emulator::board::finger::{Moment, Source};
 use taxel_emulator::board::model::Model::F411;
 use taxel_emulator::board::time::{HZ, Tick, micros};
 
-use crate::support::{deviation_with, info, moments, session, stop_with, stream_codes};
+use crate::support::{deviation_with, health, info, moments, session, stop_with, stream_codes};
 
 const TICK: Tick = HZ / CLOCK_HZ as Tick;
 
@@ -122,7 +122,7 @@ fn scan_settings_apply_at_once_or_are_refused() {
     // The chip has no oversampler.
     let refused = session.ask(Command::SetScan(ScanSettings { oversampling: 2, ..wish }));
     assert!(refused.unwrap_err().to_string().contains("Oversampling"));
-    let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
+    let health = health(&mut session);
     assert_eq!(health.scan, Some(wish));
 }
 

@@ -14,6 +14,7 @@ use taxel_emulator::board::script::Session;
 use taxel_emulator::board::time::{Tick, micros};
 
 use crate::load;
+use crate::support::health;
 
 /// Longest silence of a link with a stream, outside an erasure.
 const SILENCE: Tick = micros(10_000);
@@ -160,7 +161,7 @@ fn scenes(model: Model, scan: Option<ScanSettings>, hz: u16) {
         }
         broken.account(&mut session, before, LATE, kind.name);
     }
-    let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
+    let health = health(&mut session);
     assert_eq!(health.panic, None);
 }
 
@@ -303,7 +304,7 @@ fn floods(model: Model, size: Flood) {
         broken.time(session.silence, SILENCE, &format!("{sent} packets of {what}: silent"));
         broken.released(&mut session, before, what);
     }
-    let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
+    let health = health(&mut session);
     assert_eq!(health.panic, None);
 }
 

@@ -3,7 +3,7 @@
 use scan_plan::g431::{CLOCK_HZ, TICKS_PER_CYCLE, plan};
 use scan_plan::settle;
 use taxel::scan::ScanSettings;
-use taxel::wire::message::{Command, Response};
+use taxel::wire::message::Command;
 
 use taxel_emulator::board::cpu::End;
 use taxel_emulator::board::diagram;
@@ -14,7 +14,7 @@ use taxel_emulator::board::time::{HZ, Tick, micros};
 use taxel_emulator::board::timing::vcd;
 
 use crate::support::{
-    board, deviation_with, moments, repository, scene, session, stop_with, stream_codes,
+    board, deviation_with, health, moments, repository, scene, session, stop_with, stream_codes,
 };
 
 #[test]
@@ -171,7 +171,7 @@ fn scan_settings_apply_at_once_or_are_refused() {
     assert!(frames.iter().all(|(_, frame)| frame.codes.unwrap().full_scale.top().0 == 4 * 4095));
     let refused = session.ask(Command::SetScan(ScanSettings { scan_hz: 60_000, ..wish }));
     assert!(refused.unwrap_err().to_string().contains("ScanHz"));
-    let Response::Health(health) = session.ask(Command::Health).unwrap() else { panic!() };
+    let health = health(&mut session);
     assert_eq!(health.scan, Some(wish));
 }
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use taxel::frame::{Fields, Frame};
 use taxel::scan::Codes;
 use taxel::units::{Code, FullScale};
-use taxel::wire::message::{Command, Info, Response};
+use taxel::wire::message::{BoardHealth, Command, Info, Response};
 use taxel::wire::{MAX_PACKET, pack_frame};
 use taxel_files::trace::TraceReader;
 
@@ -72,6 +72,13 @@ pub fn session(model: Model, capture: bool) -> Session {
 pub fn info(session: &mut Session) -> Info {
     match session.ask(Command::Info).unwrap() {
         Response::Info(info) => info,
+        other => panic!("{other:?}"),
+    }
+}
+
+pub fn health(session: &mut Session) -> BoardHealth {
+    match session.ask(Command::Health).unwrap() {
+        Response::Health(health) => health,
         other => panic!("{other:?}"),
     }
 }
