@@ -63,11 +63,11 @@ impl Signals {
 pub struct Health {
     /// Bit k: taxel k is clipped, lit or dark.
     pub saturated: u16,
-    /// Bit k: taxel k sees (almost) none of its LED's light, or its code is stuck,
-    /// jumped or is noisy alone.
+    /// Bit k: taxel k sees (almost) none of its LED's light, or its code is stuck, or
+    /// jumps or is noisy alone.
     pub dead: u16,
-    /// Bit i: the bridge of sensor i is faulty. A midpoint is too near a rail, a code is stuck,
-    /// noisy alone or jumped alone, or the mean of the four is not about half the supply.
+    /// Bit i: the bridge of sensor i is faulty. A midpoint is too near a rail, a code is stuck, or
+    /// jumps or is noisy alone, or the mean of the four is not about half the supply.
     pub bridge_faults: u8,
 }
 

@@ -202,7 +202,7 @@ impl JumpWatch {
         }
         if self.teaches(self.least.dark.lessons, scan) {
             // Light from elsewhere changes all of them.
-            let ambient = changes.iter().sum::<i32>() / COLS as i32;
+            let ambient = mean(&changes);
             let [first, _, third] = largest(&changes.map(|change| change - ambient));
             self.least.dark.learn(first, third, &LEAST);
         }
@@ -372,7 +372,7 @@ fn compare(now: &TaxelCodes, last: &mut TaxelCodes, changes: &mut Readings, leas
     let [lit @ .., dark, _] = changes;
     let mut signs = 0;
     set(dark, &now.dark, &mut last.dark, 0, least, &mut signs);
-    let ambient = dark.iter().sum::<i32>() / COLS as i32;
+    let ambient = mean(dark);
     let (now, last) = (now.lit.as_flattened(), last.lit.as_flattened_mut());
     set(lit.as_flattened_mut(), now, last, ambient, least, &mut signs);
     signs < 0
@@ -393,6 +393,12 @@ fn set(
         *change = i32::from(now.0) - i32::from(before.0) - ambient;
         *signs |= outside(*change, least);
     }
+}
+
+/// Returns the mean change of dark readings, that of light from elsewhere.
+#[inline(always)]
+fn mean(dark: &[i32; COLS]) -> i32 {
+    dark.iter().sum::<i32>() / COLS as i32
 }
 
 /// Returns a negative number if the change is more than the `least`, up or down. OR-ed signs take
