@@ -11,6 +11,8 @@
 //! corner that is over within three scans, scans of quick touches at uneven times, and a stick-slip
 //! of some fifteen scans or less that moves a single midpoint.
 
+use core::ops::Range;
+
 use super::Health;
 use super::jump::{Least, Leasts};
 use crate::scan::{COLS, Codes, ROWS, SENSORS, TAXELS};
@@ -159,23 +161,26 @@ impl RaggedWatch {
         }
     }
 
-    /// Returns whether a reading changes far more than the rest of its group, but for one that may
-    /// be noisy too, and than the dark reading of its column; and not as a slip does.
+    /// Returns whether a reading changes far more than all others of its kind in the scans that are
+    /// kept, but for one that may be noisy too, and than the dark reading of its column; and not as
+    /// a slip does. A force that shakes changes several readings at once; their sums may be older.
     fn is_alone(&self, group: usize, i: usize, others: i32) -> bool {
         let codes = self.codes(group, i);
         let (t, _) = difference(codes);
         let far = t * t / others;
-        let is_far = |codes: [Code; IN_A_ROW]| {
-            let (t, _) = difference(codes);
+        let is_far = |group, i| {
+            let (t, _) = difference(self.codes(group, i));
             t * t >= far
         };
-        let scans = self.scans.each_ref().map(|groups| groups.get(group));
-        let [Some(a), Some(b), Some(c), Some(d)] = scans else { return false };
-        let codes_of_all = a.iter().zip(b).zip(c).zip(d);
-        let all = codes_of_all.filter(|(((a, b), c), d)| is_far([**a, **b, **c, **d])).count();
-        all <= if group > DARK { 1 } else { 2 }
-            && !slips(codes)
-            && (group >= DARK || !is_far(self.codes(DARK, i)))
+        let far_of = |groups: Range<usize>| -> usize {
+            groups.map(|group| (0..COLS).filter(|i| is_far(group, *i)).count()).sum()
+        };
+        let alone = match group {
+            ..DARK => far_of(0..DARK) <= 2 && !is_far(DARK, i),
+            DARK => far_of(DARK..DARK + 1) <= 2,
+            _ => far_of(group..group + 1) <= 1 && far_of(DARK + 1..GROUPS) <= 2,
+        };
+        alone && !slips(codes)
     }
 
     /// Codes of a reading in the scans that are kept.

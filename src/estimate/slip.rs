@@ -117,12 +117,12 @@ const NOISE: f32 = 3.0;
 const QUICK: f32 = 5.0;
 /// Growth of the variance of 1/μ per second, because the touched material may change.
 const WANDER: f32 = 1e-3;
-/// Growth of the variance of 1/μ from contact to contact.
-const NEXT_CONTACT: f32 = 0.01;
+/// Growth of the variance of 1/μ from contact to contact: the next object may be of any material.
+const NEXT_CONTACT: f32 = 0.3;
 /// Hysteresis of the warning: it ends so much above the margin at which it began.
 const HYSTERESIS: f32 = 0.02;
 /// Range of μ; rubber on most materials lies within.
-const FRICTION: [f32; 2] = [0.05, 2.0];
+pub(crate) const FRICTION: [f32; 2] = [0.05, 2.0];
 
 impl SlipState {
     /// Ends the contact. Friction stays known, less surely, because the next object may be another.
