@@ -6,6 +6,7 @@
 //! (`bundle`). The curves for the chip, from signal to displacement, are fitted last, to the
 //! displacements of that field.
 
+mod annulus;
 mod bundle;
 mod forward;
 
@@ -231,7 +232,7 @@ fn finish(at: &Bundle<'_>, known: Known) -> Inverse {
         curves.stray[k] = std::array::from_fn(|i| linear[POWERS + i] as f32);
         curves.gap[k] = gap(k, linear, &rows);
     }
-    let p = &at.field;
+    let p = if known.shear { annulus::completed(&at.field) } else { at.field };
     let [normal, shear] = [0, RADIAL].map(|from| Radial {
         depth: [p[from] as f32, p[from + 1] as f32],
         terms: std::array::from_fn(|i| std::array::from_fn(|j| p[from + 2 + 3 * i + j] as f32)),

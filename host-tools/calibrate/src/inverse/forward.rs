@@ -50,14 +50,14 @@ const FRAMED: [f64; FIELD] = [
 ];
 
 /// P(w)/ρ^(2·half) with its derivatives by distance², size² and coefficients.
-struct Radial {
+pub(super) struct Radial {
     value: f64,
-    by_distance: f64,
-    by_size: f64,
+    pub by_distance: f64,
+    pub by_size: f64,
     by_own: [f64; RADIAL],
 }
 
-fn radial(p: &[f64], distance2: f64, size2: f64, half: f64) -> Radial {
+pub(super) fn radial(p: &[f64], distance2: f64, size2: f64, half: f64) -> Radial {
     let deep = p[0] + p[1] * size2;
     let free = deep > LEAST_DEPTH;
     let depth = deep.max(LEAST_DEPTH);
