@@ -14,7 +14,7 @@ use super::forward::{Coefficients, FIELD, RADIAL, radial};
 /// Share by which slip shrinks the sheared area.
 const SHRINKS: f64 = -0.4;
 /// Fitted share above which recordings show no annulus.
-const SHOWN: f64 = -0.05;
+const SHOWN: f64 = -0.1;
 /// Ratio of the multiples halfway between full slip and a contact that sticks.
 const STICKS: f64 = 4.0 / 3.0;
 /// s² at which the contact grows: 0.35 N.
