@@ -10,7 +10,7 @@ mod stages;
 
 use serde::Serialize;
 
-pub use stages::{all, dearest, papers_net, papers_net_quantised};
+pub use stages::{all, costliest, papers_net, papers_net_quantised};
 
 /// Calls stages and keeps their results.
 pub trait Meter {

@@ -22,7 +22,7 @@ use crate::Meter;
 use crate::host::Inputs;
 
 pub use nets::{papers_net, papers_net_quantised};
-pub use product::dearest;
+pub use product::costliest;
 
 /// Runs every stage on every input.
 pub fn all(inputs: &Inputs<'_>, meter: &mut impl Meter) {

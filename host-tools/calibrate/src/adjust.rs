@@ -329,7 +329,7 @@ fn left(
     (after > LEFT * own).then(|| {
         let what = if none { "nothing repairs the record, which stays as it was: " } else { "" };
         format!(
-            "{what}{:.1} mN of F_z are left on presses not used, in contact, where the record's own residual and the reference's noise are {:.1} mN; if that is too much, fit anew (taxel calibrate fit)",
+            "{what}{:.1} mN of F_z are left on presses not used, in contact, where the record's own residual and the reference's noise are {:.1} mN; if that is too much, fit again (taxel calibrate fit)",
             1e3 * after,
             1e3 * own
         )

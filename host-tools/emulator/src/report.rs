@@ -94,7 +94,7 @@ pub fn compare(path: &Path, stages: &[Stage]) -> Result<()> {
         "{}: line 1 must be `{HEADER}`; write it again with `cargo xtask cycles --csv`",
         path.display()
     );
-    let mut dearer = Vec::new();
+    let mut costlier = Vec::new();
     for stage in stages {
         let now = stage.worst().instructions;
         let before = lines.clone().find_map(|line| {
@@ -102,22 +102,22 @@ pub fn compare(path: &Path, stages: &[Stage]) -> Result<()> {
             rest.strip_prefix("\",")?.split(',').next()?.parse::<u64>().ok()
         });
         match before {
-            None => dearer.push(format!("{}: not listed", stage.name)),
+            None => costlier.push(format!("{}: not listed", stage.name)),
             Some(before) => {
                 let most = (before as f64 * MARGIN).max(before as f64 + MARGIN_INSTRUCTIONS);
                 if now as f64 > most {
-                    dearer.push(format!("{}: {now} instructions, were {before}", stage.name));
+                    costlier.push(format!("{}: {now} instructions, were {before}", stage.name));
                 }
             }
         }
     }
-    if dearer.is_empty() {
+    if costlier.is_empty() {
         return Ok(());
     }
     bail!(
         "more instructions than in {}, by over a tenth; if that is intended, write it again with \
          `cargo xtask cycles --csv`:\n  {}",
         path.display(),
-        dearer.join("\n  ")
+        costlier.join("\n  ")
     )
 }

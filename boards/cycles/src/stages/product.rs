@@ -31,7 +31,7 @@ const ROOM: Code = Code(15_000);
 
 /// Costliest record with the content of `calibration`.
 #[must_use]
-pub fn dearest(calibration: &Calibration) -> Calibration {
+pub fn costliest(calibration: &Calibration) -> Calibration {
     let sums = WrenchMethod::Matrix(as_matrix(calibration));
     Calibration {
         net: calibration.net.as_ref().and_then(Net::float).map(widest).map(Net::Float),
@@ -97,7 +97,7 @@ fn scene<'a>(inputs: &Inputs<'a>) -> impl Iterator<Item = Scan> + Clone + use<'a
 pub fn stages(inputs: &Inputs<'_>, calibration: &Calibration, meter: &mut impl Meter) {
     let mut buffer = [0; MAX_BYTES];
     // A rejected record leaves nothing to measure, and the meter's owner reports that.
-    let Ok(record) = dearest(calibration).to_bytes(&mut buffer) else { return };
+    let Ok(record) = costliest(calibration).to_bytes(&mut buffer) else { return };
     // The costlier method for the contact point, which runs in addition to net and array; and all
     // signals filtered.
     let usual = [Command::SetPointMethod(PointMethod::ArgMin), Command::SetFilter { hz: 300 }];

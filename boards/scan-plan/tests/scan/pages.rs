@@ -280,7 +280,7 @@ fn frame_panel(after: &After, converted: [(&'static str, (u64, u64)); 2]) -> Pan
         lanes.push(Lane { name, bars: bars.collect() });
     }
     lanes.push(Lane {
-        name: "CPU, dearest",
+        name: "CPU, at most",
         bars: vec![bar(complete, computed, "read, estimate, send", Kind::Compute)],
     });
     lanes.push(Lane {

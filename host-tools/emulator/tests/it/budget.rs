@@ -27,7 +27,7 @@ fn session(board: Model, ideal: bool, fields: Fields, hz: u16) -> Session {
         session.board.clock().fetch().fix(Settings::default());
     }
     let path = repository().join("host-tools/cli/assets/virtual-finger.cal.toml");
-    let calibration = cycles::dearest(&taxel_files::calibration::read(&path).unwrap());
+    let calibration = cycles::costliest(&taxel_files::calibration::read(&path).unwrap());
     let mut record = [0; MAX_BYTES];
     session.upload(calibration.to_bytes(&mut record).unwrap()).unwrap();
     for command in [

@@ -122,7 +122,7 @@ fn lost_bias_is_flagged_as_bridge_fault() {
 #[test]
 fn upload_loses_the_stated_scans() {
     let path = repository().join("host-tools/cli/assets/virtual-finger.cal.toml");
-    let calibration = cycles::dearest(&taxel_files::calibration::read(&path).unwrap());
+    let calibration = cycles::costliest(&taxel_files::calibration::read(&path).unwrap());
     let mut record = [0; MAX_BYTES];
     let record = calibration.to_bytes(&mut record).unwrap();
     let mut session = session();
