@@ -1,4 +1,5 @@
-//! Cost of an installation as docs/getting-started.md states it: crates and size of the program.
+//! Cost of an installation as docs/getting-started.md states it, crates and size of the program,
+//! and the crates of the two libraries as ARCHITECTURE.md states them.
 
 use anyhow::{Context, Result, ensure};
 
@@ -45,9 +46,9 @@ mod tests {
     ];
 
     /// Counts the crates that a build compiles on Linux, without those of the tests.
-    fn crates(features: &[&str]) -> usize {
+    fn crates(package: &str, features: &[&str]) -> usize {
         let mut tree = cargo();
-        tree.args(["tree", "--quiet", "--package", "taxel-cli", "--edges", "normal,build"]);
+        tree.args(["tree", "--quiet", "--package", package, "--edges", "normal,build"]);
         tree.args(["--prefix", "none", "--format", "{p}", "--no-dedupe"]).args(features);
         tree.args(["--target", "x86_64-unknown-linux-gnu"]).args(locked());
         let listed = lines(&mut tree).unwrap();
@@ -58,8 +59,26 @@ mod tests {
     #[test]
     fn crates_of_each_build_are_those_of_the_page() {
         for (build, features) in BUILDS {
-            let found = crates(features).to_string();
+            let found = crates("taxel-cli", features).to_string();
             assert_eq!(row(build).unwrap()[0], found, "{PAGE}: the row {build}");
+        }
+    }
+
+    #[test]
+    fn crates_of_core_and_client_are_those_of_the_rooms() {
+        let page = std::fs::read_to_string(root().join("ARCHITECTURE.md")).unwrap();
+        // Without the package itself.
+        let [bare, core, client] =
+            [("taxel", &["--no-default-features"][..]), ("taxel", &[]), ("taxel-client", &[])]
+                .map(|(package, features)| crates(package, features) - 1);
+        assert!(bare <= 20 && core <= 30 && client <= 30, "{bare}, {core}, {client}");
+        for (room, crates) in [
+            ("src/", format!("{bare} crates, {core} with default features")),
+            ("host-tools/client", format!("core; {client} crates in all")),
+        ] {
+            let row = page.lines().find(|line| line.starts_with(&format!("| `{room}` |")));
+            let row = row.unwrap_or_else(|| panic!("ARCHITECTURE.md: no row `{room}`"));
+            assert!(row.ends_with(&format!("| {crates} |")), "should end `{crates}`: {row}");
         }
     }
 
