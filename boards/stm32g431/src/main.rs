@@ -1,4 +1,4 @@
-//! Firmware of the product, on an STM32G431CB.
+//! Firmware of the product, on an STM32G431CB or an STM32G473CE.
 //!
 //! The scan runs by itself ([`scan`]), and a frame's interrupt puts its codes into a queue. One
 //! task runs the session with the host that has the USB port open, another runs the USB device, a
@@ -43,8 +43,10 @@ bind_interrupts!(struct Irqs {
     USB_LP => InterruptHandler<USB>;
 });
 
-/// Name of the USB device. The sources are those of two packages, one for each chip.
-const PRODUCT: &str = concat!("fingertip ", env!("CARGO_PKG_NAME"));
+/// Name of the board: build.rs has it from the chip.
+const BOARD: &str = env!("BOARD");
+/// Name of the USB device.
+const PRODUCT: &str = concat!("fingertip ", env!("BOARD"));
 /// Address of the ROM bootloader's vector table (AN2606).
 const ROM: usize = 0x1FFF_0000;
 
@@ -91,7 +93,7 @@ fn main() -> ! {
     let driver = Driver::new(driver);
     let (port, link) = link::device(driver, PRODUCT, uid::uid_hex(), scan::set_paused);
     let identity = identity(
-        env!("CARGO_PKG_NAME"),
+        BOARD,
         uid::uid_hex(),
         scan::DEFAULT.scan_hz,
         full_scale,

@@ -8,9 +8,10 @@ use std::process::Command;
 use anyhow::{Context, Result, bail};
 use serde_json::Value;
 
+use crate::firmware;
 use crate::run::{answer, cargo, root, run, target};
 
-/// The command. A board's program has the name of its folder.
+/// The command. Every other program is a board's.
 pub const COMMAND: &str = "taxel";
 /// Licence of the page's plots, the only part of `taxel` that is no crate.
 const PLOTS: &str = "host-tools/cli/assets/page/uplot/LICENSE";
@@ -40,8 +41,11 @@ pub fn files(program: &str) -> [String; 2] {
 /// # Errors
 /// A part has a licence that `deny.toml` does not allow.
 pub fn write(program: &str, out: &Path) -> Result<()> {
-    let folder = if program == COMMAND { "host-tools/cli" } else { &format!("boards/{program}") };
-    let manifest = root().join(folder).join("Cargo.toml");
+    // Two chips of one package are made of the same crates: its default features give them all.
+    let manifest = match program {
+        COMMAND => root().join("host-tools/cli/Cargo.toml"),
+        board => firmware::manifest(board)?,
+    };
     let [bill, licences] = files(program).map(|file| out.join(file));
     parts(program, &manifest, &bill)?;
     notices(program, &manifest, &licences)

@@ -55,7 +55,7 @@ enum Task {
     ///
     /// With DEFMT_LOG=info in the environment, it is BOARD-log.elf, which logs over a probe.
     Firmware {
-        /// A folder of `boards/`
+        /// Name of a board: stm32g431, stm32g473, stm32f411, starter or cycles
         board: String,
     },
     /// Makes the files of a release: images, packages, wheels, archive, SBOMs, licences, checksums

@@ -10,7 +10,7 @@ use crate::changes::Changes;
 use crate::pages::Pages;
 use crate::run::{answer, cargo, clean, locked, program, root, run, setup, target};
 use crate::steps::Steps;
-use crate::{cycles, emulator, firmware, fuzz, pages, protocol, python, registers, toolchain};
+use crate::{cycles, emulator, firmware, fuzz, pages, protocol, python, registers};
 
 /// Arguments of `cargo xtask test`.
 #[derive(Args)]
@@ -280,13 +280,8 @@ fn linted(mut command: Command) -> Command {
 /// Runs the boards' lints and builds their images, in a target folder of their own.
 fn images(steps: &mut Steps) -> Result<()> {
     steps.take("lints of the boards", || {
-        // Each board builds alone, because two chips' features must not meet in one build of their
-        // HAL.
         for board in firmware::boards()? {
-            run(toolchain::cargo("clippy")
-                .args(["--package", &board])
-                .args(locked())
-                .args(["--", "-D", "warnings"]))?;
+            run(firmware::cargo("clippy", &board)?.args(["--", "-D", "warnings"]))?;
         }
         Ok(())
     })?;

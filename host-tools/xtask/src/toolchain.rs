@@ -23,9 +23,9 @@ pub fn cargo(subcommand: &str) -> Command {
     command
 }
 
-/// Path of the program that [`cargo`] builds for `board`.
-pub fn output(board: &str) -> PathBuf {
-    root().join("boards/target").join(TARGET).join("release").join(board)
+/// Path of the program that [`cargo`] builds of `package`.
+pub fn output(package: &str) -> PathBuf {
+    root().join("boards/target").join(TARGET).join("release").join(package)
 }
 
 /// Returns whether the compiler can shorten the paths of panic messages alone: from Rust 1.95 on.
