@@ -29,7 +29,9 @@ pub struct Release {
 /// Parts that can be made on separate machines.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Part {
-    /// Images of the boards, the core's package and the Python client
+    /// The core's packages for crates.io
+    Core,
+    /// Images of the boards, the core's packages and the Python client
     Firmware,
     /// The command for this machine's system
     Command,
@@ -54,7 +56,9 @@ pub fn task(release: &Release, steps: &mut Steps) -> Result<()> {
         changed.is_some_and(|files| files.is_empty()),
         "the tree has changes, and a release is that of a commit: commit or stash them"
     );
-    bill::need_tools()?;
+    if release.part != Part::Core {
+        bill::need_tools()?;
+    }
     let out = &release.out;
     fs::create_dir_all(out).with_context(|| out.display().to_string())?;
     let out = &out.canonicalize().with_context(|| out.display().to_string())?;
@@ -63,12 +67,17 @@ pub fn task(release: &Release, steps: &mut Steps) -> Result<()> {
         "{} is not empty: empty it, or choose another folder with --out",
         out.display()
     );
-    if release.part != Part::Command {
+    let takes = |part| release.part == part || release.part == Part::All;
+    if takes(Part::Firmware) {
         images(out, steps)?;
+    }
+    if takes(Part::Core) || takes(Part::Firmware) {
         steps.take("packages of the core", || packages(out))?;
+    }
+    if takes(Part::Firmware) {
         steps.take("Python client", || wheel("host-tools/python", out).map(|_| ()))?;
     }
-    if release.part != Part::Firmware {
+    if takes(Part::Command) {
         steps.take("the command", || command(out))?;
     }
     if release.part == Part::All {
@@ -150,21 +159,32 @@ fn names_no_machine(program: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Packs and checks the core for crates.io.
+/// Packs the core for crates.io, builds it from there alone, and copies it.
 fn packages(out: &Path) -> Result<()> {
+    for packed in pack(&[])? {
+        let name = packed.file_name().context("a package without a name")?;
+        fs::copy(&packed, out.join(name))?;
+    }
+    Ok(())
+}
+
+/// Packs the core for crates.io with options of `cargo package`, and returns the packages.
+///
+/// # Errors
+/// A file is missing, or a package is too large.
+pub fn pack(options: &[&str]) -> Result<Vec<PathBuf>> {
     let mut pack = cargo();
-    pack.arg("package").args(locked());
+    pack.args(["package", "--quiet"]).args(locked()).args(options);
     PACKAGES.iter().for_each(|name| {
         pack.args(["--package", name]);
     });
     run(&mut pack)?;
-    for name in PACKAGES {
+    let packed = PACKAGES.map(|name| {
         let file = format!("{name}-{}.crate", env!("CARGO_PKG_VERSION"));
-        let packed = target().join("package").join(&file);
-        within(&packed, LARGEST_PACKAGE)?;
-        fs::copy(packed, out.join(file))?;
-    }
-    Ok(())
+        target().join("package").join(file)
+    });
+    packed.iter().try_for_each(|packed| within(packed, LARGEST_PACKAGE))?;
+    Ok(packed.into())
 }
 
 /// Builds the command once, as a wheel, and packs its program as an archive by the name that

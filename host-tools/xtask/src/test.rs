@@ -10,7 +10,7 @@ use crate::changes::Changes;
 use crate::pages::Pages;
 use crate::run::{answer, cargo, clean, locked, program, root, run, setup, target};
 use crate::steps::Steps;
-use crate::{cycles, emulator, firmware, fuzz, pages, protocol, python, registers};
+use crate::{cycles, emulator, firmware, fuzz, pages, protocol, python, registers, release};
 
 /// Arguments of `cargo xtask test`.
 #[derive(Args)]
@@ -208,6 +208,10 @@ fn lint(compiled: bool, profile: Profile, steps: &mut Steps) -> Result<()> {
     })?;
     steps.take("parts made from the frame schema", || protocol::task(true))?;
     steps.take("parts made from tables", || pages::task(&Pages::CHECK))?;
+    // A release builds them too.
+    steps.take("packages of the core", || {
+        release::pack(&["--no-verify", "--allow-dirty"]).map(|_| ())
+    })?;
     // Nothing else needs the crates that the tables are made from.
     const TABLES: &str = "tables of the chips' registers";
     if profile == Profile::Nightly || registers::sources().is_ok() {
