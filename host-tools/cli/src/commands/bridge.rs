@@ -203,11 +203,13 @@ fn tools(tools: &[Tool], ports: usize) -> anyhow::Result<Vec<Option<Tool>>> {
     }
 }
 
-#[cfg(not(all(feature = "zenoh", feature = "foxglove")))]
+/// Error of a bridge that this program lacks. Its mend names both features, because an installation
+/// replaces the one before.
+#[cfg(any(test, not(all(feature = "zenoh", feature = "foxglove"))))]
 fn not_built_in(feature: &str) -> anyhow::Error {
     anyhow!(
         "bridge --{feature}: not built in; in a checkout of the repository run `cargo install --path \
-         host-tools/cli --features {feature}`"
+         host-tools/cli --features zenoh,foxglove`"
     )
 }
 
@@ -231,5 +233,19 @@ fn domain_from_environment() -> anyhow::Result<u32> {
             ros_domain(&text).map_err(|error| anyhow!("ROS_DOMAIN_ID: `{text}`: {error}"))
         }
         _ => Ok(0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mend_of_one_bridge_keeps_the_other() {
+        for feature in ["zenoh", "foxglove"] {
+            let error = not_built_in(feature).to_string();
+            assert!(error.starts_with(&format!("bridge --{feature}: ")), "{error}");
+            assert!(error.contains("--features zenoh,foxglove`"), "{error}");
+        }
     }
 }
