@@ -63,9 +63,11 @@ pub(crate) fn fit(
 ) -> Result<Option<Skin>, FitError> {
     let samples = recordings.iter().flat_map(|r| &r.recording.samples);
     let placed = samples.clone().any(|s| s.truth.point.iter().all(Option::is_some));
+    let sheared = samples.clone().any(|s| known_shear(s.truth.force).is_some());
     let least = CLEAR_OF_NOISE * force_noise[2];
+    let labelled = Labelled { placed, sheared, least };
     let (runs, left_out): (Vec<Vec<Option<Row>>>, Vec<usize>) =
-        recordings.iter().zip(wrong).map(|(r, wrong)| rows(r, wrong, (placed, least))).unzip();
+        recordings.iter().zip(wrong).map(|(r, wrong)| rows(r, wrong, labelled)).unzip();
     let presses: Vec<Vec<Row>> = runs.into_iter().flat_map(split).collect();
     if presses.is_empty() {
         return Ok(None);
@@ -130,11 +132,27 @@ pub(crate) fn friction(rows: &[Row]) -> f64 {
         .fold(0.0, f64::max)
 }
 
+/// Returns the shear of a reference, if it has both components.
+fn known_shear([x, y, _]: [Option<f64>; 3]) -> Option<[f64; 2]> {
+    Some([x?, y?])
+}
+
+/// Labels of the recordings besides the normal force.
+#[derive(Clone, Copy)]
+struct Labelled {
+    /// Whether the contact point is a label.
+    placed: bool,
+    /// Whether shear is a label; rows without it serve a model of normal contacts otherwise.
+    sheared: bool,
+    /// Least normal force of a row, newtons.
+    least: f64,
+}
+
 /// Touched, sound and known rows of a recording, and the number of unsound ones.
 fn rows(
     prepared: &Prepared<'_>,
     wrong: &HashSet<usize>,
-    (placed, least): (bool, f64),
+    Labelled { placed, sheared, least }: Labelled,
 ) -> (Vec<Option<Row>>, usize) {
     let gate = Gate::default();
     let samples = prepared.recording.samples.iter().zip(&prepared.signals);
@@ -142,8 +160,9 @@ fn rows(
     let rows = samples
         .enumerate()
         .map(|(at, (sample, signals))| {
-            let [fx, fy, fz] = sample.truth.force;
             let c = signals.taxels?;
+            let shear = known_shear(sample.truth.force);
+            let [fx, fy] = if sheared { shear? } else { [0.0; 2] };
             let point = if placed {
                 let [x, y] = sample.truth.point;
                 [x?, y?]
@@ -154,7 +173,8 @@ fn rows(
             let touched = prepared.bias.exceeded(&alone, gate.off * gate.off);
             let sound =
                 signals.health.dead == 0 && signals.health.saturated == 0 && !wrong.contains(&at);
-            let row = Row { signals: c.map(f64::from), force: [fx?, fy?, fz?], point };
+            let force = [fx, fy, sample.truth.force[2]?];
+            let row = Row { signals: c.map(f64::from), force, point };
             let load = touched && row.force[2] > least;
             left_out += usize::from(load && !sound);
             (load && sound).then_some(row)

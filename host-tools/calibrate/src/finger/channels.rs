@@ -107,8 +107,29 @@ impl<'r> List<'r> {
         if !samples.any(|sample| columns.is_in(sample)) {
             return None;
         }
-        self.channels.push(Channel::new(&columns.names(), used, why));
+        let names = match columns {
+            Columns::Force => self.forces(true),
+            columns => columns.names(),
+        };
+        self.channels.push(Channel::new(&names, used, why));
         self.channels.last_mut()
+    }
+
+    /// Adds the shear if the normal force alone is recorded.
+    fn add_unknown_shear(&mut self) {
+        let unknown = self.forces(false);
+        if unknown == FORCES[..2].join(", ") {
+            let why = "not recorded: shear and slip are not known, and given as not estimated";
+            self.channels.push(Channel::new(&unknown, Vec::new(), why));
+        }
+    }
+
+    /// Names of the components of the total force that are recorded, or of those that are not.
+    fn forces(&self, recorded: bool) -> String {
+        let samples = self.recordings.iter().flat_map(|recording| &recording.samples);
+        let known = |axis: &usize| samples.clone().any(|s| s.truth.force[*axis].is_some());
+        let names = (0..3).filter(|axis| known(axis) == recorded).map(|axis| FORCES[axis]);
+        names.collect::<Vec<_>>().join(", ")
     }
 
     pub(crate) fn done(self) -> Vec<Channel> {
@@ -151,6 +172,7 @@ pub(super) fn channels(
     let used = [&optical[..], &array[..]].concat();
     let used = if used.is_empty() { sensors } else { used };
     list.add(Columns::Force, used, "no part was fitted to the total force");
+    list.add_unknown_shear();
     let mut used = part("model of");
     used.extend(part("array of sensors 6x"));
     used.extend(array.iter().filter(|name| *name == "array of sensors").cloned());

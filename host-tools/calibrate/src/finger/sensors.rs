@@ -5,6 +5,12 @@ use super::{Fitted, Part, Subject, bench, channels, known};
 use crate::prepared::{Loads, Prepared};
 use taxel_regress::error::FitError;
 
+/// Reason for leaving out the array where only the normal force is known.
+///
+/// The record's array gives three components or none, so that its shear would read 0 N.
+const NORMAL_ALONE: &str = "the reference has no fx_n and fy_n, without which force sensors would give a \
+     shear of 0 N: log a load cell of three axes";
+
 /// Fits S of a sensor to the recordings with a known force on it.
 ///
 /// A sensor that recordings of the finger do not determine is left out with a warning.
@@ -59,9 +65,15 @@ pub(super) fn array(
         })
         .map(|(recording, _)| recording)
         .collect();
+    let mut of_fingers = recordings.iter().zip(subjects).filter(|(_, s)| **s == Subject::Finger);
+    let normal = of_fingers.any(|(recording, _)| {
+        recording.recording.samples.iter().any(|s| s.truth.force[2].is_some())
+    });
     let mut reasons: channels::Reasons = std::array::from_fn(|i| {
         let why = if net_only {
             "--net-only was given"
+        } else if fingers.is_empty() && normal {
+            NORMAL_ALONE
         } else if fingers.is_empty() {
             "no recording of the finger has all of fx_n, fy_n, fz_n"
         } else if fingers.iter().any(|r| r.bias.bridges[i].is_none()) {

@@ -4,6 +4,7 @@
 use std::sync::atomic::AtomicBool;
 
 use taxel::finger::Finger;
+use taxel::measured::NoValue;
 use taxel::scan::SENSORS;
 use taxel_calibrate::evaluate::{self, Only};
 use taxel_calibrate::finger::{Channel, FitOptions, Fitted, fit};
@@ -237,6 +238,43 @@ fn shear_is_stated_unknown_if_never_loaded() {
     let [x, y, z] = fitted.calibration.array.unwrap().residual;
     assert!(x > 1.0 && y > 1.0 && z < 0.01, "{x} {y} {z}");
     assert!(fitted.warnings.iter().any(|w| w.contains("no shear in x")), "{:?}", fitted.warnings);
+}
+
+/// A load cell of one axis under presses without shear.
+#[test]
+fn normal_force_alone_gives_places_and_no_shear() {
+    let recording = |seed| {
+        let samples = run(3, seed, 250, 9.0, 0.8, &presses(40, [0.0, 0.0], 0.0));
+        Recording { name: "axis.csv".into(), samples }
+    };
+    let (mut known, unseen) = (recording(1), recording(2));
+    for truth in known.samples.iter_mut().map(|sample| &mut sample.truth) {
+        *truth = Truth { force: [None, None, truth.force[2]], ..Truth::default() };
+    }
+    let fitted = fitted(&known);
+    let calibration = &fitted.calibration;
+    assert!(!calibration.model.as_ref().unwrap().shear, "{:?}", fitted.choices);
+    // An array would give a shear of 0 N.
+    assert!(calibration.array.is_none() && calibration.sensors.iter().all(Option::is_none));
+    for i in 0..SENSORS {
+        let bridge = channel(&fitted, &format!("bridge_s{i}_*"));
+        assert!(bridge.used.is_empty() && bridge.why.contains("no fx_n and fy_n"), "{bridge:?}");
+    }
+    assert!(channel(&fitted, "fz_n").used.contains(&"model of the skin".to_owned()));
+    assert!(channel(&fitted, "fx_n, fy_n").why.contains("not estimated"));
+    let metrics = evaluate::finger(calibration, &unseen);
+    for (target, most) in [("fz_n", 0.02), ("x_mm", 0.15), ("y_mm", 0.15)] {
+        let found = metrics.iter().find(|metrics| metrics.target == target).unwrap();
+        let error = found.figures.unwrap().rmse;
+        println!("{target}: {error}");
+        assert!(error < most, "{target}: {error}");
+    }
+    let (finger, mut state) = Finger::new(Some(calibration.clone()));
+    let estimates = unseen.samples.iter().map(|sample| finger.estimate(&mut state, &sample.scan));
+    let touched = estimates.filter(|estimate| estimate.force.z.is_ok_and(|fz| fz.0 > 0.0));
+    let shear: Vec<_> = touched.map(|estimate| (estimate.force.x, estimate.force.y)).collect();
+    let none = (Err(NoValue::NotEstimated), Err(NoValue::NotEstimated));
+    assert!(shear.len() > 500 && shear.iter().all(|shear| *shear == none), "{shear:?}");
 }
 
 #[test]
