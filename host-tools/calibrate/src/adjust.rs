@@ -53,6 +53,8 @@ pub struct Adjusted {
     pub shares: Vec<Share>,
     /// Whether nothing was kept and the record is as good as in its fit.
     pub unaged: bool,
+    /// Whether `stop` came before all parts were tried; those kept before are in the record.
+    pub stopped: bool,
     /// Warnings for the user, in full sentences.
     pub warnings: Vec<String>,
 }
@@ -178,11 +180,12 @@ pub fn weigh(
 
 /// Adjusts `calibration` to recordings of presses with known reference columns.
 ///
-/// `date` is the new record's, in seconds since 1970-01-01 UTC.
+/// `date` is the new record's, in seconds since 1970-01-01 UTC. When `stop` becomes true the parts
+/// that were kept before make the record.
 ///
 /// # Errors
 ///
-/// Data that the recordings lack, an invalid result, or `stop` became true.
+/// Data that the recordings lack, an invalid result, or `stop` became true before a part was kept.
 pub fn adjust(
     calibration: &Calibration,
     recordings: &[Recording],
@@ -217,7 +220,7 @@ pub fn adjust(
     let against = evaluate::against(calibration);
     let bench = Bench { recordings, presses, loaded, unpressed, parts, bias, light, against };
     let old = bench.judge("as it is", [calibration; 2].map(Clone::clone), None, progress, stop)?;
-    let Repaired { zeroed, now, mut whole, tried, mut warnings } =
+    let Repaired { zeroed, now, mut whole, tried, mut warnings, stopped } =
         repaired(&bench, calibration, &old, progress, stop)?;
     if whole != *calibration {
         whole.date = date;
@@ -225,7 +228,9 @@ pub fn adjust(
     whole.validate().map_err(FitError::Record)?;
     let (errors, shares) = bench.errors([&old, &zeroed, &now]);
     let noise = recordings.iter().map(|r| r.reference_noise()[2]).fold(0.0, f64::max);
-    let left = left(calibration, noise, &tried, bench.felt_error(&now));
+    // The parts that were not tried may repair what is left.
+    let error = bench.felt_error(&now).filter(|_| !stopped);
+    let left = left(calibration, noise, &tried, error);
     let unaged = left.is_none() && !tried.iter().any(|tried| tried.kept);
     warnings.extend(left);
     Ok(Adjusted {
@@ -235,6 +240,7 @@ pub fn adjust(
         errors,
         shares,
         unaged,
+        stopped,
         warnings,
     })
 }
@@ -247,6 +253,8 @@ struct Repaired {
     whole: Calibration,
     tried: Vec<Tried>,
     warnings: Vec<String>,
+    /// Whether parts are left that were not tried.
+    stopped: bool,
 }
 
 /// Tries the parts one after the other, and keeps those that help.
@@ -258,9 +266,10 @@ fn repaired(
     stop: &AtomicBool,
 ) -> Result<Repaired, FitError> {
     let (mut now, mut whole, mut zeroed) = (old.clone(), calibration.clone(), old.clone());
-    let (mut tried, mut warnings) = (Vec::new(), Vec::<String>::new());
-    for parts in TRIED {
-        if parts.iter().any(|part| tried.iter().any(|t: &Tried| t.part == *part && t.kept)) {
+    let (mut tried, mut warnings) = (Vec::<Tried>::new(), Vec::<String>::new());
+    let mut stopped = false;
+    'parts: for parts in TRIED {
+        if parts.iter().any(|part| tried.iter().any(|t| t.part == *part && t.kept)) {
             continue;
         }
         let (mut next, mut aged, mut found) = (now.clone(), whole.clone(), Vec::new());
@@ -281,7 +290,13 @@ fn repaired(
                 bench.fold(*part, record, own)?;
             }
             bench.fold(*part, &mut aged, all)?;
-            next = bench.judge(&part.to_string(), halves, Some(&next), progress, stop)?;
+            next = match bench.judge(&part.to_string(), halves, Some(&next), progress, stop) {
+                Err(FitError::Stopped) if tried.iter().any(|t| t.kept) => {
+                    stopped = true;
+                    break 'parts;
+                }
+                next => next?,
+            };
             found.push((*part, all.clone()));
         }
         if found.len() < parts.len() {
@@ -305,7 +320,7 @@ fn repaired(
             why: why.clone(),
         }));
     }
-    Ok(Repaired { zeroed, now, whole, tried, warnings })
+    Ok(Repaired { zeroed, now, whole, tried, warnings, stopped })
 }
 
 /// Warning about the error of F_z that is left, if it is large.

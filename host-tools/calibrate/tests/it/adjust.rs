@@ -3,7 +3,7 @@
 //! It is judged on other presses of the device, unseen by fit and adjustment, with noise.
 
 use std::fmt::Write as _;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use taxel::calibration::Calibration;
 use taxel::estimate::quantised::{Net, QuantisedNet};
@@ -14,7 +14,7 @@ use taxel_calibrate::finger::{FitOptions, Subject, fit};
 use taxel_calibrate::recording::Recording;
 use taxel_files::trace::{Sample, Truth};
 use taxel_regress::error::FitError;
-use taxel_regress::network::NetOptions;
+use taxel_regress::network::{NetOptions, Progress};
 
 use crate::fixtures::record;
 use crate::judge::{FRICTION, calibrated, presses, run};
@@ -275,14 +275,30 @@ fn weaker_force_sensors_are_repaired_by_total_force() {
     assert!(after < 0.5 * before, "{before} {after}");
 }
 
+/// Adjusts to a softer skin with a dimmer light, and stops when the progress names this part.
+fn stopped_in(part: &str) -> Result<Adjusted, FitError> {
+    let stop = AtomicBool::new(false);
+    let mut told = |progress: Progress| {
+        if progress.part.starts_with(part) {
+            stop.store(true, Ordering::Relaxed);
+        }
+    };
+    adjust(&calibrated(14), &[sheared(14, 24, SOFT, -0.08)], 1, &mut told, &stop)
+}
+
 #[test]
-fn adjustment_stops_when_told() {
-    let stopped = adjust(
-        &calibrated(11),
-        &[sheared(11, 51, SOFT, 0.0)],
-        1,
-        &mut |_| {},
-        &AtomicBool::new(true),
-    );
-    assert_eq!(stopped.unwrap_err(), FitError::Stopped);
+fn stopped_adjustment_keeps_what_helped_before() {
+    for part in ["as it is", "zero"] {
+        assert_eq!(stopped_in(part), Err(FitError::Stopped), "{part}");
+    }
+    let stopped = stopped_in("light of the taxels").unwrap();
+    let parts: Vec<Part> = stopped.parts.iter().map(|tried| tried.part).collect();
+    assert!(stopped.stopped && !stopped.unaged && parts == [Part::Bias], "{stopped:?}");
+    // The parts that were not tried may repair what is left: it is no reason to fit anew.
+    assert!(stopped.warnings.is_empty(), "{:?}", stopped.warnings);
+    let old = calibrated(14);
+    let zero = |record: &Calibration| record.taxels.as_ref().unwrap().bias;
+    assert_ne!(zero(&stopped.calibration), zero(&old));
+    assert_eq!(stopped.calibration.net, old.net);
+    assert_eq!(stopped.calibration.model, old.model);
 }

@@ -212,6 +212,37 @@ fn report_shows_progress_and_writes_nothing_after_ctrl_c() {
     assert!(!folder.join("report.html").exists());
 }
 
+#[test]
+fn adjustment_keeps_what_helped_before_ctrl_c() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = directory.path();
+    std::fs::write(folder.join("cal.toml"), CALIBRATION).unwrap();
+    // A dimmer light needs a new zero, and then gains. The load cell tells no contact point.
+    let dimmed = "simulate --scene press-grid --set electronics.load_ohm=930 --out dimmed.csv --cell cell.csv";
+    In(folder).succeeds(&dimmed.split_whitespace().collect::<Vec<_>>());
+    let data = "--data dimmed.csv --reference cell.csv ".repeat(6);
+    let line = format!("calibrate adjust {data}--calibration cal.toml --force --out today.toml");
+    let args: Vec<&str> = line.split_whitespace().collect();
+    for (stage, end, told) in [
+        ("as it is: ", End::Failed, "stopped early; nothing was written"),
+        (
+            "light of the taxels: ",
+            End::Finished,
+            "stopped early: the parts kept so far were written",
+        ),
+    ] {
+        std::fs::write(folder.join("today.toml"), "").unwrap();
+        let mut command = OnTerminal::start(folder, &args);
+        let said = command.until(stage);
+        let said = interrupted(folder, &line, command, said, end);
+        assert!(said.contains(told), "{said}");
+        let written = std::fs::read_to_string(folder.join("today.toml")).unwrap();
+        assert_eq!(written.is_empty(), end == End::Failed, "{stage}");
+    }
+    let zero = |name| taxel_files::calibration::read(folder.join(name)).unwrap().bias().taxels;
+    assert_ne!(zero("today.toml"), zero("cal.toml"));
+}
+
 /// Opens a serial device that nobody answers on.
 fn silent_serial() -> (PtyMaster, String) {
     let master = posix_openpt(nix::fcntl::OFlag::O_RDWR | nix::fcntl::OFlag::O_NOCTTY).unwrap();

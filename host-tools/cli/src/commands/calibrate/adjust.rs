@@ -21,7 +21,7 @@ use crate::output::{self, Overwrite};
 /// force sensors. Each is judged on presses that it was not found from, and kept only if it makes
 /// some quantity better and none worse by more than 5 % (10 % for a zero that ends contacts at
 /// rest). Three presses are the least; nine, spread over the finger, are better. Each recording
-/// must begin with 0.5 s without contact.
+/// must begin with 0.5 s without contact. Ctrl-C writes the record with what was kept so far.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -82,6 +82,8 @@ struct Outcome {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     alignments: Vec<Aligned>,
     warnings: Vec<String>,
+    /// Whether Ctrl-C came before all parts were tried.
+    interrupted: bool,
 }
 
 /// Part of the record, and whether it was kept and why.
@@ -135,6 +137,7 @@ impl Outcome {
             unaged: adjusted.unaged,
             alignments,
             warnings: adjusted.warnings,
+            interrupted: adjusted.stopped,
         }
     }
 }
@@ -214,6 +217,9 @@ pub fn run(args: Args) -> anyhow::Result<()> {
     calibration::write(&args.out, &adjusted.calibration)?;
     for warning in &adjusted.warnings {
         output::note(format_args!("taxel: warning: {warning}"));
+    }
+    if adjusted.stopped {
+        output::note("taxel: stopped early: the parts kept so far were written, others not tried");
     }
     let outcome = Outcome::new(args.out, adjusted, alignments);
     if args.json {
