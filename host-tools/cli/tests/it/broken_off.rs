@@ -11,7 +11,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread;
 use std::time::Duration;
 
-use crate::common::{In, Ran, SHORT_PRESSES, json, until};
+use crate::common::{In, Ran, SHORT_PRESSES, json, until, worked};
 use taxel::calibration::Calibration;
 use taxel_cli::VirtualFinger;
 use taxel_cli::virtual_finger::Source;
@@ -31,15 +31,6 @@ fn write_table(folder: &Path) {
         writeln!(text, "{:.2},{},{force:.5}", 0.02 * f64::from(i), channels.join(",")).unwrap();
     }
     std::fs::write(folder.join("long.csv"), text).unwrap();
-}
-
-/// Processor time of a child, a measure of its progress independent of other load.
-fn worked(child: &Child) -> Duration {
-    let stat = std::fs::read_to_string(format!("/proc/{}/stat", child.id())).unwrap_or_default();
-    let after_name = stat.rsplit(')').next().unwrap_or_default();
-    // utime and stime, fields 14 and 15 of proc(5), in hundredths of a second.
-    let fields = after_name.split_whitespace().skip(11).take(2);
-    Duration::from_millis(10 * fields.filter_map(|field| field.parse::<u64>().ok()).sum::<u64>())
 }
 
 fn interrupt(child: &Child) {

@@ -1,6 +1,8 @@
 //! Helpers that run the command in a folder.
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+#[cfg(target_os = "linux")]
+use std::process::Child;
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
@@ -78,6 +80,16 @@ pub fn until(what: &str, mut came: impl FnMut() -> bool) {
         assert!(begun.elapsed() < Duration::from_secs(120), "never came: {what}");
         std::thread::sleep(Duration::from_millis(2));
     }
+}
+
+/// Processor time of a child, a measure of its progress independent of other load.
+#[cfg(target_os = "linux")]
+pub fn worked(child: &Child) -> Duration {
+    let stat = std::fs::read_to_string(format!("/proc/{}/stat", child.id())).unwrap_or_default();
+    let after_name = stat.rsplit(')').next().unwrap_or_default();
+    // utime and stime, fields 14 and 15 of proc(5), in hundredths of a second.
+    let fields = after_name.split_whitespace().skip(11).take(2);
+    Duration::from_millis(10 * fields.filter_map(|field| field.parse::<u64>().ok()).sum::<u64>())
 }
 
 /// Counts the rows that a recording has so far.

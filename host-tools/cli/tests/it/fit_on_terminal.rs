@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use nix::sys::resource::{UsageWho, getrusage};
 use nix::sys::time::TimeVal;
 
-use crate::common::{In, SHORT_PRESSES, long_form, read_terminal, until};
+use crate::common::{In, SHORT_PRESSES, long_form, read_terminal, until, worked};
 use taxel_files::calibration;
 
 /// Processor time until the first line of progress; on an idle machine that is the time itself.
@@ -29,15 +29,6 @@ fn spent() -> Duration {
         Duration::from_secs(seconds) + Duration::from_micros(micros)
     };
     time(usage.user_time()) + time(usage.system_time())
-}
-
-/// Processor time of a running child.
-fn worked(child: &Child) -> Duration {
-    let stat = std::fs::read_to_string(format!("/proc/{}/stat", child.id())).unwrap_or_default();
-    let after_name = stat.rsplit(')').next().unwrap_or_default();
-    // utime and stime, fields 14 and 15 of proc(5), in hundredths of a second.
-    let fields = after_name.split_whitespace().skip(11).take(2);
-    Duration::from_millis(10 * fields.filter_map(|field| field.parse::<u64>().ok()).sum::<u64>())
 }
 
 /// Starts the fit on a terminal of its own and waits for its first output.
