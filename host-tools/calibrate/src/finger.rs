@@ -13,6 +13,8 @@ mod net;
 mod sensors;
 
 use std::sync::atomic::AtomicBool;
+use std::sync::mpsc;
+use std::thread;
 
 use taxel::calibration::Calibration;
 use taxel::condition::DriftCompensation;
@@ -24,6 +26,7 @@ pub use crate::prepared::Subject;
 use crate::quantise::Form;
 use crate::recording::Recording;
 use crate::shear;
+use crate::skin::Skin;
 use crate::warmth;
 pub use channels::Channel;
 pub(crate) use channels::{Columns, List, SUPPLY};
@@ -221,23 +224,15 @@ pub fn fit_keeping(
     if !fingers.is_empty() {
         stage("outliers and signs");
         let loads = net::loads(&mut fitted, &fingers, options)?;
-        let skin = if options.net_only && options.family != Family::Auto {
-            None
-        } else {
-            let noise = matrix::noise_of_reference(&mut fitted, &fingers, options.reference_noise);
-            matrix::skin(&fingers, (&loads.wrong, noise), progress, stop)?
-        };
-        // Beside the model of the skin or the array the usual net suffices.
-        let better = fitted.calibration.array.is_some() || skin.is_some();
-        let family = match options.family {
-            Family::Auto if !options.net_only && better => Family::Mlp,
-            family => family,
-        };
-        let own = FitOptions { family, ..options.clone() };
-        match net::fit(&mut fitted, loads, (&own, skin.as_ref()), progress, stop) {
+        let skin = !options.net_only || options.family == Family::Auto;
+        let noise = skin
+            .then(|| matrix::noise_of_reference(&mut fitted, &fingers, options.reference_noise));
+        let array = fitted.calibration.array.is_some();
+        let (skin, trained) = models((&fingers, noise), (&loads, array), options, progress, stop)?;
+        match net::keep(&mut fitted, loads, trained, skin.as_ref()) {
             // Stopped before the net's first step: what was fitted before is kept.
             Err(FitError::Stopped) if !fitted.parts.is_empty() => {}
-            fit => fit?,
+            kept => kept?,
         }
         if let Some(skin) = skin.filter(|_| !options.net_only) {
             matrix::keep_skin(&mut fitted, skin);
@@ -266,6 +261,44 @@ pub fn fit_keeping(
     fitted.calibration.validate().map_err(FitError::Record)?;
     fitted.channels = channels::channels(&fitted, all, &reasons);
     Ok(fitted)
+}
+
+/// Fits the model of the skin and trains the net, both at once unless the one decides on the other.
+///
+/// Without the noise of the reference there is no model of the skin. With one, or an `array`, beside
+/// it the usual net suffices.
+fn models(
+    (fingers, noise): (&[&Prepared<'_>], Option<[f64; 3]>),
+    (loads, array): (&net::Loads, bool),
+    options: &FitOptions,
+    progress: &mut dyn FnMut(Progress),
+    stop: &AtomicBool,
+) -> Result<(Option<Skin>, Result<net::Trained, FitError>), FitError> {
+    let auto = options.family == Family::Auto;
+    let skin = |progress: &mut dyn FnMut(Progress)| match noise {
+        Some(noise) => matrix::skin(fingers, (&loads.wrong, noise), progress, stop),
+        None => Ok(None),
+    };
+    let usual = FitOptions { family: Family::Mlp, ..options.clone() };
+    let beside = |better: bool| if auto && better && !options.net_only { &usual } else { options };
+    if auto && !array {
+        let skin = skin(&mut *progress)?;
+        let options = beside(skin.is_some());
+        let trained = net::train(loads, (options, skin.as_ref()), progress, stop);
+        return Ok((skin, trained));
+    }
+    thread::scope(|scope| {
+        let (send, receive) = mpsc::channel();
+        let net = scope.spawn(move || {
+            let mut tell = |progress| drop(send.send(progress));
+            net::train(loads, (beside(array), None), &mut tell, stop)
+        });
+        let skin = skin(&mut *progress);
+        // Ends with the net's thread.
+        receive.into_iter().for_each(progress);
+        let trained = net.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        Ok((skin?, trained))
+    })
 }
 
 fn warn_of_stuck(fitted: &mut Fitted, prepared: &Prepared<'_>, columns: &[String]) {

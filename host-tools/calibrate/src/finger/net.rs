@@ -23,7 +23,7 @@ use taxel_regress::range::trained_range;
 use taxel_regress::scaling::Inputs;
 use taxel_regress::shear::{FORCES, NO_SHEAR};
 use taxel_regress::sign_check;
-use taxel_regress::training::{Recorded, Teacher, Training};
+use taxel_regress::training::{Chosen, Recorded, Teacher, Training};
 
 /// Rows of each recording in which the chip would run the net.
 pub(super) struct Loads {
@@ -161,26 +161,29 @@ pub(super) fn loads(
     Ok(Loads { bias, targets, rows, faulty, wrong })
 }
 
-/// Fits the net; the skin model may teach it.
-pub(super) fn fit(
-    fitted: &mut Fitted,
-    Loads { bias, targets, rows, faulty, wrong }: Loads,
+/// A trained net with its choice.
+pub(super) struct Trained {
+    net: Net,
+    chosen: Option<Chosen>,
+    /// RMS error of each output on rows left out of the fit, if a net alone is not all.
+    held_out: Option<Vec<f64>>,
+    /// Warning about the choice.
+    told: Option<String>,
+}
+
+/// Trains the net; the skin model may teach it.
+///
+/// # Errors
+///
+/// Too few rows, a target that never changes, or stopped before the first step.
+pub(super) fn train(
+    loads: &Loads,
     (options, skin): (&FitOptions, Option<&Skin>),
     progress: &mut dyn FnMut(Progress),
     stop: &AtomicBool,
-) -> Result<(), FitError> {
-    let usual = if targets.len() == 1 { 12 } else { 16 };
-    if let Some(found) = duplicate_channels::conditioning(&rows).filter(Conditioning::is_collinear)
-    {
-        let taxels = found.weakest.iter().map(|k| format!("r{}c{}", k / COLS, k % COLS));
-        fitted.warnings.push(format!(
-            "{NAME}: taxels {} are linearly dependent (condition number {:.0e}); look for \
-             channels that are joined",
-            taxels.collect::<Vec<_>>().join(", "),
-            found.number
-        ));
-    }
-    let outputs = targets.len();
+) -> Result<Trained, FitError> {
+    let outputs = loads.targets.len();
+    let usual = if outputs == 1 { 12 } else { 16 };
     let teach = skin.map(|skin| {
         move |part: &str,
               (build, net): (Build, NetOptions),
@@ -191,9 +194,9 @@ pub(super) fn fit(
     });
     let training = Training {
         part: NAME,
-        targets: &targets,
+        targets: &loads.targets,
         family: options.family,
-        recordings: &rows,
+        recordings: &loads.rows,
         inputs: Inputs::Alike,
         hidden: options.hidden,
         usual,
@@ -205,8 +208,36 @@ pub(super) fn fit(
             teach,
         }),
     };
-    let run = training.run(progress, stop);
-    if let (Err(FitError::Stopped), Some(skin)) = (&run, skin) {
+    let (net, chosen) = training.run(progress, stop)?;
+    let build = Build { hidden: net.hidden_bias.len(), skip: !net.skip.is_empty() };
+    // A net alone states the error of its fit, as [DeMaria2011] does.
+    let held_out = if options.net_only { None } else { training.held_out(build, progress, stop) };
+    let told = training.told(chosen.as_ref());
+    Ok(Trained { net, chosen, held_out, told })
+}
+
+/// Keeps the trained net in the record.
+///
+/// # Errors
+///
+/// The training's; without a net the record keeps what the model of the skin needs.
+pub(super) fn keep(
+    fitted: &mut Fitted,
+    Loads { bias, targets: _, rows, faulty, wrong }: Loads,
+    trained: Result<Trained, FitError>,
+    skin: Option<&Skin>,
+) -> Result<(), FitError> {
+    if let Some(found) = duplicate_channels::conditioning(&rows).filter(Conditioning::is_collinear)
+    {
+        let taxels = found.weakest.iter().map(|k| format!("r{}c{}", k / COLS, k % COLS));
+        fitted.warnings.push(format!(
+            "{NAME}: taxels {} are linearly dependent (condition number {:.0e}); look for \
+             channels that are joined",
+            taxels.collect::<Vec<_>>().join(", "),
+            found.number
+        ));
+    }
+    if let (Err(FitError::Stopped), Some(skin)) = (&trained, skin) {
         // The model of the skin needs the taxels' bias and ranges, and no net.
         let x: Vec<Vec<f64>> = rows.into_iter().flat_map(|(x, _)| x).collect();
         fitted.calibration.taxels = Some(TaxelCalibration {
@@ -216,11 +247,8 @@ pub(super) fn fit(
         });
         return Ok(());
     }
-    let (net, chosen) = run?;
-    let build = Build { hidden: net.hidden_bias.len(), skip: !net.skip.is_empty() };
-    // A net alone states the error of its fit, as [DeMaria2011] does.
-    let held_out = if options.net_only { None } else { training.held_out(build, progress, stop) };
-    fitted.warnings.extend(training.told(chosen.as_ref()));
+    let Trained { net, chosen, held_out, told } = trained?;
+    fitted.warnings.extend(told);
     let (x, y): (Vec<_>, Vec<_>) = rows.into_iter().unzip();
     let (x, y) = (x.concat(), y.concat());
     let name = net.name(TAXELS);

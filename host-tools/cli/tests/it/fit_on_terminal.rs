@@ -117,3 +117,29 @@ mod endurance {
         assert!(2 * kept >= ended, "{kept} of {ended}");
     }
 }
+
+/// Fits as long as a user's.
+mod nightly {
+    use super::*;
+
+    /// Most processor time of a default fit: that of two cores in 20 s.
+    const FIT_TAKES: Duration = Duration::from_secs(40);
+
+    #[test]
+    fn fit_of_23_000_rows_takes_20_s_of_two_cores() {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = In(directory.path());
+        for scene in ["presses", "shear"] {
+            let out = format!("{scene}.csv");
+            let simulate = ["simulate", "--finger", "reference", "--scene", scene, "--out", &out];
+            folder.succeeds(&simulate);
+        }
+        // 500 rows a second.
+        let data = ["--data", "presses.csv@0..20", "--data", "shear.csv@0..26"];
+        let before = spent();
+        folder.succeeds(&[&["calibrate", "fit", "--out", "cal.toml"], &data[..]].concat());
+        let took = spent() - before;
+        eprintln!("{took:?} of processor time");
+        assert!(took < FIT_TAKES, "{took:?}");
+    }
+}
