@@ -1,22 +1,30 @@
 """Tests of `taxel bridge --foxglove` with an independent client of the Foxglove WebSocket protocol.
 
-The client follows the specification `foxglove.sdk.v1`.
+The client follows the specification `foxglove.sdk.v1`. Foxglove's own classes read scene and log, and check
+the layout.
 """
 
 import base64
 import json
+import re
 import signal
 import struct
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import is_dataclass
 from pathlib import Path
-from typing import Any
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 from xml.etree import ElementTree
 
 import numpy as np
 from fingers import CALIBRATION, ROOT, replayed, rows
+from foxglove import layouts
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from test_recordings import official
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
@@ -147,13 +155,14 @@ def test_scene_draws_pad_taxels_and_force(command: str, tmp_path: Path):
         offered = channels(viewer, {"/taxel/trace", "/taxel/trace/scene"})
         channel, frames = offered["/taxel/trace/scene"], offered["/taxel/trace"]
         assert (channel["encoding"], channel["schemaName"]) == ("protobuf", "foxglove.SceneUpdate")
-        scene, frame = message_class(channel), message_class(frames)
+        assert official(message_class(channel).DESCRIPTOR, SceneUpdate.DESCRIPTOR) >= 6
+        frame = message_class(frames)
         by_time, arrows, bare = {}, 0, 0
         for of, nanos, payload in messages(viewer, {1: channel["id"], 2: frames["id"]}):
             if of == 2:
                 by_time[nanos] = frame.FromString(payload)
                 continue
-            (entity,) = scene.FromString(payload).entities
+            (entity,) = SceneUpdate.FromString(payload).entities
             assert (entity.frame_id, entity.id) == ("trace", "finger")
             assert entity.timestamp.ToNanoseconds() == nanos
             pad, *taxels = entity.cubes
@@ -187,14 +196,58 @@ def test_flags_are_lines_of_the_log(command: str):
     with bridge(command, ["sim:fault"]) as (_, url), open_viewer(url) as viewer:
         channel = channels(viewer, {"/taxel/fault/log"})["/taxel/fault/log"]
         assert channel["schemaName"] == "foxglove.Log"
-        log = message_class(channel)
-        error = log.DESCRIPTOR.fields_by_name["level"].enum_type.values_by_name["ERROR"].number
+        assert official(message_class(channel).DESCRIPTOR, Log.DESCRIPTOR) >= 4
         for _, nanos, payload in messages(viewer, {1: channel["id"]}):
-            line = log.FromString(payload)
+            line = Log.FromString(payload)
             assert (line.name, line.timestamp.ToNanoseconds()) == ("fault", nanos)
             if line.message.startswith("dead-taxel: "):
-                assert line.level == error and "taxel self-test" in line.message
+                assert line.level == Log.Level.ERROR and "taxel self-test" in line.message
                 return
+
+
+def departures(value: Any, kind: Any, where: str) -> list[str]:
+    """Lists what of a JSON value a type of Foxglove's layouts does not have, by its path."""
+    origin, of = get_origin(kind), get_args(kind)
+    if origin in (Union, UnionType):
+        return min((departures(value, each, where) for each in of), key=len)
+    if origin is Literal:
+        return [] if value in of else [where]
+    if origin is list and isinstance(value, list):
+        return [lack for k, each in enumerate(value) for lack in departures(each, of[0], f"{where}[{k}]")]
+    if origin is dict and isinstance(value, dict):
+        return [lack for key in value for lack in departures(value[key], of[1], f"{where}.{key}")]
+    if origin is tuple and isinstance(value, list) and len(value) == len(of):
+        return [lack for k, each in enumerate(of) for lack in departures(value[k], each, f"{where}[{k}]")]
+    if is_dataclass(kind) and isinstance(value, dict):
+        hints = get_type_hints(kind)
+        names = {key: re.sub("[A-Z]", lambda capital: f"_{capital[0].lower()}", key) for key in value}
+        return [
+            lack
+            for key, name in names.items()
+            for lack in (
+                departures(value[key], hints[name], f"{where}.{key}") if name in hints else [f"{where}.{key}"]
+            )
+        ]
+    fits = kind is Any or isinstance(value, (int, float) if kind is float else kind if origin is None else ())
+    return [] if fits else [where]
+
+
+def test_layout_has_the_settings_of_foxgloves_own_package():
+    """Names and types of all settings are those of `foxglove.layouts`, which makes layouts in Python."""
+    layout = json.loads((ROOT / "host-tools/cli/layouts/foxglove.json").read_text())
+    kinds = {"3D": layouts.ThreeDeeConfig, "Log": layouts.LogConfig, "Plot": layouts.PlotConfig}
+    lacking = []
+    for name, panel in layout["configById"].items():
+        # In a layout file, a panel's title is beside its settings.
+        settings = {key: value for key, value in panel.items() if key != "foxglovePanelTitle"}
+        lacking += departures(settings, kinds[name.split("!")[0]], name)
+    assert lacking == []
+    wrong = {"paths": [{"value": 3}], "legendDisplay": "under", "showXaxis": True}
+    assert departures(wrong, layouts.PlotConfig, "Plot") == [
+        "Plot.paths[0].value",
+        "Plot.legendDisplay",
+        "Plot.showXaxis",
+    ]
 
 
 def test_layouts_show_what_is_published(command: str, tmp_path: Path):
