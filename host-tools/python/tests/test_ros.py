@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 from bridges import Network, at, bridge, listen, true_wrench, wait, wrench_of
-from fingers import CALIBRATION, replayed, rows, serve
+from fingers import CALIBRATION, ROOT, replayed, rows, serve
 from rosservices import Services
+from ruamel.yaml import YAML
 
 POINT = "geometry_msgs/msg/PointStamped"
 MARKER = "visualization_msgs/msg/Marker"
@@ -130,6 +131,30 @@ def test_point_marker_and_transform_show_the_contact(command: str, network: Netw
             if has_point(frame)
         )
         assert transform.transform.rotation.w == 1.0
+
+
+def test_rviz_configuration_shows_what_is_published(command: str, network: Network):
+    """Each display's topic is published with the type that RViz's display takes, in the fixed frame."""
+    config = YAML(typ="safe").load(ROOT / "host-tools/cli/layouts/finger.rviz")["Visualization Manager"]
+    takes = {"Marker": MARKER, "PointStamped": POINT, "Wrench": listen.WRENCH}
+    wanted = {"tf": TF}  # The display of frames names no topic.
+    kinds = []
+    for display in config["Displays"]:
+        package, _, kind = display["Class"].partition("/")
+        assert (package, display["Enabled"]) == ("rviz_default_plugins", True)
+        kinds.append(kind)
+        if "Topic" in display:
+            wanted[display["Topic"]["Value"].removeprefix("/")] = takes[kind]
+    assert sorted(kinds) == ["Grid", "Marker", "PointStamped", "TF", "Wrench"] and len(wanted) == 4
+    for topic, kind in wanted.items():
+        network.subscribe(topic, kind)
+    with bridge(command, network, ["sim:tour"]):
+        wait(lambda: all(network.samples(topic, kind) for topic, kind in wanted.items()))
+    frame = config["Global Options"]["Fixed Frame"]
+    for topic, kind in wanted.items():
+        message = read(network, topic, kind)[0]
+        header = message.transforms[0].header if kind == TF else message.header
+        assert header.frame_id == frame == config["Views"]["Current"]["Target Frame"], topic
 
 
 @pytest.mark.parametrize(
