@@ -1,10 +1,13 @@
 //! Bench protocol of half a day, from the lists of the boards' pages.
 
+mod limits;
+
 use anyhow::{Context, Result, ensure};
 use scan_plan::finger::REFERENCE;
 use scan_plan::{f411, g431};
 use taxel::scan::ScanSettings;
 
+use self::limits::{Limits, Reading, readings};
 use super::reference::{CELL, FIGURES, LABELS};
 use super::tables::{Csv, cell, read};
 use crate::marks::{self, Part};
@@ -62,12 +65,15 @@ const ORDER: [(&str, u32); 36] = [
 const CRYSTAL_LESS: &str = "crystal-less USB";
 
 /// Row of the protocol.
+#[derive(Clone)]
 struct Step {
     name: String,
     minutes: u32,
     check: String,
     bench: String,
     expected: String,
+    /// Parts of the expectation, each with a row of the form.
+    readings: Vec<Reading>,
 }
 
 /// Rows of a page's table below a heading: three cells each.
@@ -106,7 +112,8 @@ fn steps(board: &str) -> Result<Vec<Step>> {
         };
         let [check, bench, expected] = checks.remove(at);
         let name = format!("B{}", steps.len() + 1);
-        steps.push(Step { name, minutes, check, bench, expected });
+        let readings = readings(&expected);
+        steps.push(Step { name, minutes, check, bench, expected, readings });
     }
     let left: Vec<&String> = checks.iter().map(|[check, ..]| check).collect();
     ensure!(left.is_empty(), "{page}: {left:?} have no place in the order of pages/bench.rs");
@@ -151,100 +158,139 @@ fn spaced(code: u16) -> String {
     if code < 10_000 { code.to_string() } else { format!("{} {:03}", code / 1000, code % 1000) }
 }
 
+/// Figures of the simulated reference finger: with force sensors, and the matrix alone.
+struct Simulated {
+    both: f64,
+    matrix: f64,
+    unit: &'static str,
+}
+
+impl Simulated {
+    /// Text with both figures.
+    fn text(&self, digits: usize) -> String {
+        let Self { both, matrix, unit } = self;
+        format!("{both:.digits$} {unit} (matrix alone {matrix:.digits$} {unit})")
+    }
+
+    /// Row of the form: at most [`WORSE`] times the figure, and what noise adds to it.
+    fn reading(&self, name: &str, digits: usize, noise: [f64; 2]) -> Reading {
+        let limit = |figure: f64, noise: f64| three_digits(WORSE * figure + noise);
+        let (max, matrix_max) = (limit(self.both, noise[0]), limit(self.matrix, noise[1]));
+        let unit = self.unit.to_owned();
+        let limits = Limits { min: 0.0, max, matrix_max: Some(matrix_max), unit };
+        Reading { expected: format!("{name} {}", self.text(digits)), limits: Some(limits) }
+    }
+}
+
+/// Largest figure of a real finger, of that of the simulated one.
+const WORSE: f64 = 1.5;
+/// Weight of the creep's load in newtons: 100 g.
+const WEIGHT_N: f64 = 0.981;
+
+/// Number with three significant digits.
+fn three_digits(value: f64) -> f64 {
+    format!("{value:.2e}").parse().unwrap_or(value)
+}
+
 /// Steps of the finger on a board, with what the reference finger does in simulation.
 fn finger() -> Result<Vec<Step>> {
     let (figures, labels) = (Csv::read(FIGURES)?, Csv::read(LABELS)?);
-    let both = |name: &str, digits: usize, unit: &str| {
-        let of = |part| figures.mean(&[("figure", name), ("part", part)], "value");
-        let [all, matrix] = [of("both")?, of("matrix")?];
-        let words = format!("{all:.digits$} {unit} (matrix alone {matrix:.digits$} {unit})");
-        Ok::<_, anyhow::Error>(words.replace('-', "−"))
+    let simulated = |name: &str, unit| {
+        let of = |part| figures.mean(&[("figure", name), ("part", part)], "value").map(f64::abs);
+        Ok::<_, anyhow::Error>(Simulated { both: of("both")?, matrix: of("matrix")?, unit })
     };
-    let error = |part, column| labels.mean(&[("labels", CELL), ("part", part)], column);
-    let errors = |part| {
-        let axes = ["fx / mN", "fy / mN", "fz / mN"].map(|axis| error(part, axis));
-        let [x, y, z] = axes;
-        Ok::<_, anyhow::Error>(format!("{:.0} / {:.0} / {:.0} mN", x?, y?, z?))
+    let error = |column: &str, unit| {
+        let of = |part| labels.mean(&[("labels", CELL), ("part", part)], column);
+        Ok::<_, anyhow::Error>(Simulated { both: of("both")?, matrix: of("matrix")?, unit })
     };
     let front = "docs/front-end.md";
     let rest = cell(front, "The signal chain", "steps of 12 bits", 2)?;
     let room = "room light left after the dark step is subtracted";
     let room = cell(front, "What the circuit simulation says", room, 2)?;
-    let place = error("both", "point middle / mm")?;
     let [product, f411] = full_scales()?.map(spaced);
     let at_rest = format!(
         "`taxel record --fields codes --duration 10 --out rest.csv`; each `lit_…` less its `dark_…`, × 4096 / the full \
          scale of `taxel info` ({product} with the default scan, {f411} on the STM32F411)"
     );
+    let sigma = simulated("sigma fz_n", "mN")?;
+    let creep = simulated("creep in a minute", "%")?;
+    // Three standard deviations of the difference of two readings.
+    let noise = [sigma.both, sigma.matrix]
+        .map(|sigma| 3.0 * f64::sqrt(2.0) * sigma / (1e3 * WEIGHT_N) * 100.0);
+    let accuracy = [
+        error("fx / mN", "mN")?.reading("F_x", 0, [0.0; 2]),
+        error("fy / mN", "mN")?.reading("F_y", 0, [0.0; 2]),
+        error("fz / mN", "mN")?.reading("F_z", 0, [0.0; 2]),
+        error("point middle / mm", "mm")?.reading("place, if the cell's log has it,", 2, [0.0; 2]),
+    ];
+    let step = simulated("settles within 10 %", "ms")?.reading("90 % after", 1, [0.0; 2]);
+    let warmed = |n: &str| {
+        let figure = simulated(&format!("warmed by 10 K at {n} N"), "mN")?;
+        Ok::<_, anyhow::Error>(figure.reading(&format!("a load of {n} N changes by"), 0, [0.0; 2]))
+    };
     let steps = [
         (
             2,
             "every channel",
             "`taxel self-test`, nothing touching, in the dark",
-            "exit code 0, no channel named".to_owned(),
+            readings("exit code 0, no channel named"),
         ),
-        (5, "light at rest", &at_rest, format!("{rest}, within a half of it")),
+        (5, "light at rest", &at_rest, readings(&format!("{rest} codes, within 50 %"))),
         (
             5,
             "room light",
             "the same with a lamp on and off",
-            format!("`dark_…` moves; `lit_…` less `dark_…` by {room} of that"),
+            readings(&format!("`dark_…` moves; `lit_…` less `dark_…` by at most {room} of that")),
         ),
         (
             10,
             "wiring and gap",
             "`taxel view`, a pen over each taxel and each force sensor",
-            "its own square turns blue, none orange; its circle fills".to_owned(),
+            readings("its own square turns blue, none orange; its circle fills"),
         ),
         (
             20,
             "calibration",
             "`taxel record --fields codes --duration 60 --out presses.mcap` and the load cell's log, three times; \
              fit two of them",
-            "the fit ends without refusal".to_owned(),
+            readings("the fit ends without refusal"),
         ),
         (
             5,
             "accuracy",
             "`taxel calibrate evaluate --data unseen.mcap --reference unseen-cell.csv --calibration finger.toml`",
-            format!(
-                "F_x / F_y / F_z {} (matrix alone {}); place {place:.2} mm, if the cell's log has it",
-                errors("both")?,
-                errors("matrix")?
-            ),
+            accuracy.to_vec(),
         ),
         (
             3,
             "resolution",
             "100 g lying still, `taxel record --fields force,point --duration 10 --out held.csv`; standard deviations",
-            format!("F_z {}", both("sigma fz_n", 1, "mN")?),
+            vec![sigma.reading("F_z", 1, [0.0; 2])],
         ),
         (
             3,
             "creep",
             "100 g for a minute, `taxel record --fields force --duration 70 --out creep.csv`",
-            format!("{} of the load", both("creep in a minute", 1, "%")?),
+            vec![creep.reading("the load changes by", 1, noise)],
         ),
         (
             3,
             "step",
             "100 g taken off by its thread, `taxel record --rate 4000 --fields force --duration 5 --out step.csv`",
-            format!("90 % after {}; then zero", both("settles within 10 %", 1, "ms")?),
+            [vec![step], readings("then zero")].concat(),
         ),
         (
             15,
             "temperature",
             "100 g at room temperature and 10 K warmer, `taxel record --fields force,codes --duration 60 --out warm.csv` each",
-            format!(
-                "changes by {} at 0.5 N, {} at 1.5 N",
-                both("warmed by 10 K at 0.5 N", 0, "mN")?,
-                both("warmed by 10 K at 1.5 N", 0, "mN")?
-            ),
+            vec![warmed("0.5")?, warmed("1.5")?],
         ),
     ];
-    let numbered = steps.into_iter().enumerate().map(|(at, (minutes, check, bench, expected))| {
+    let numbered = steps.into_iter().enumerate().map(|(at, (minutes, check, bench, readings))| {
         let (name, check, bench) = (format!("F{}", at + 1), check.to_owned(), bench.to_owned());
-        Step { name, minutes, check, bench, expected }
+        let parts = readings.iter().map(|reading| reading.expected.as_str());
+        let expected = parts.collect::<Vec<_>>().join("; ");
+        Step { name, minutes, check, bench, expected, readings }
     });
     Ok(numbered.collect())
 }
@@ -254,13 +300,28 @@ fn form(board: &str) -> String {
     format!("docs/bench-{board}.csv")
 }
 
-/// Blank results of a board: a row for each step of the board and of the finger.
+/// First lines of a form behind the board, for whoever fills it in.
+const HEAD: &str = "# serial=\n# firmware=\n# commit=\n# force_sensors=\n# date=\n# by=\n";
+const COLUMNS: [&str; 10] =
+    ["step", "check", "expected", "min", "max", "matrix_max", "unit", "measured", "passed", "note"];
+
+/// Blank results of a board: a row for each reading of the board's steps and of the finger's.
 fn blank(board: &str) -> Result<Vec<u8>> {
-    let head = format!("# board={board}\n# serial=\n# firmware=\n# date=\n# by=\n");
+    let head = format!("# board={board}\n{HEAD}");
     let mut writer = csv::Writer::from_writer(head.into_bytes());
-    writer.write_record(["step", "check", "expected", "measured", "unit", "passed", "note"])?;
-    for Step { name, check, expected, .. } in steps(board)?.into_iter().chain(finger()?) {
-        writer.write_record([&name, &check, &expected, "", "", "", ""])?;
+    writer.write_record(COLUMNS)?;
+    for Step { name, check, readings, .. } in steps(board)?.into_iter().chain(finger()?) {
+        let several = readings.len() > 1;
+        for (letter, Reading { expected, limits }) in ('a'..).zip(readings) {
+            let step = if several { format!("{name}{letter}") } else { name.clone() };
+            let limits = limits.map(|limits| {
+                let matrix = limits.matrix_max.map(|max| max.to_string()).unwrap_or_default();
+                [limits.min.to_string(), limits.max.to_string(), matrix, limits.unit]
+            });
+            let [min, max, matrix, unit] = limits.unwrap_or_default();
+            writer
+                .write_record([&step, &check, &expected, &min, &max, &matrix, &unit, "", "", ""])?;
+        }
     }
     writer.into_inner().context("blank form")
 }
@@ -303,7 +364,7 @@ mod tests {
         }
         let light = REFERENCE.share(REFERENCE.pair.rest_a()) - REFERENCE.share(0.0);
         assert!(
-            step.expected.starts_with(&format!("{:.0}, ", 4096.0 * light)),
+            step.expected.starts_with(&format!("{:.0} codes, ", 4096.0 * light)),
             "{}",
             step.expected
         );
@@ -318,12 +379,21 @@ mod tests {
     }
 
     #[test]
-    fn form_has_a_row_for_each_step() {
+    fn form_has_a_row_for_each_reading() {
         let form = blank("stm32g431").unwrap();
         let mut reader = csv::ReaderBuilder::new().comment(Some(b'#')).from_reader(&form[..]);
         let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
-        let expected = steps("stm32g431").unwrap().len() + finger().unwrap().len();
-        assert!(rows.len() == expected && expected > 30, "{} {expected}", rows.len());
-        assert!(rows.iter().all(|row| row.len() == 7 && !row[2].is_empty()));
+        let steps = [steps("stm32g431").unwrap(), finger().unwrap()].concat();
+        let expected: usize = steps.iter().map(|step| step.readings.len()).sum();
+        assert!(rows.len() == expected && expected > steps.len(), "{} {expected}", rows.len());
+        assert!(rows.iter().all(|row| row.len() == COLUMNS.len() && !row[2].is_empty()));
+        let limits = |step: &str| {
+            let row = rows.iter().find(|row| &row[0] == step).unwrap();
+            [3, 4, 5, 6].map(|at| row[at].to_owned())
+        };
+        assert_eq!(limits("B2"), ["0", "53", "", "mA"]);
+        assert_eq!(limits("B16b"), ["0", "0", "", "frames lost"]);
+        assert_eq!(limits("F7"), ["0", "2.83", "11.6", "mN"]);
+        assert_eq!(limits("B19"), ["", "", "", ""]);
     }
 }

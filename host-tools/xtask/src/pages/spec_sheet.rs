@@ -194,7 +194,7 @@ fn finger() -> Result<String> {
     let touch = |column| cell(BOARD, "Load", "touch to the first byte, 4 kHz", column);
     let current = cell(BOARD, "Not verified on hardware", "supply", 2)?;
     let [usual, most] = {
-        let (usual, most) = current.split_once(';').unwrap_or((&current, &current));
+        let (usual, most) = current.split_once(',').unwrap_or((&current, &current));
         [number(usual)?, number(most)?]
     };
     let memory =
