@@ -2,6 +2,7 @@
 //!
 //! Every error is one line with the file, the line, the column and the mend.
 
+pub mod bench;
 pub mod calibration;
 pub mod error;
 pub mod frames;
