@@ -1,5 +1,7 @@
 //! Commands, one file each.
 
+#[cfg(feature = "full")]
+pub mod bench_report;
 pub mod bias;
 #[cfg(feature = "full")]
 pub mod bridge;

@@ -46,6 +46,8 @@ enum Command {
     Calibrate(commands::calibrate::Args),
     #[cfg(feature = "full")]
     Chart(commands::chart::Args),
+    #[cfg(feature = "full")]
+    BenchReport(commands::bench_report::Args),
     View(commands::view::Args),
     Record(commands::record::Args),
     Export(commands::export::Args),
@@ -98,6 +100,8 @@ pub fn main() -> ExitCode {
         Command::Calibrate(args) => commands::calibrate::run(args),
         #[cfg(feature = "full")]
         Command::Chart(args) => commands::chart::run(args),
+        #[cfg(feature = "full")]
+        Command::BenchReport(args) => commands::bench_report::run(&args),
         Command::View(args) => commands::view::run(args),
         Command::Record(args) => commands::record::run(args),
         Command::Export(args) => commands::export::run(args),

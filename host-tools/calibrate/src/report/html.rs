@@ -8,27 +8,31 @@ use std::fmt::Write as _;
 
 use super::judge::Report;
 use super::plots;
-use text::escaped;
+pub use text::escaped;
 
 const STYLE: &str = include_str!("report.css");
+
+/// Beginning of a page in the reports' style, up to its first heading; `title` is markup.
+#[must_use]
+pub fn head(title: &str) -> String {
+    format!(
+        "<!doctype html><html lang=en><meta charset=utf-8>\
+         <meta name=viewport content=\"width=device-width\">\
+         <meta name=color-scheme content=\"light dark\">\
+         <title>{title}</title><style>{STYLE}</style>\
+         <h1>{title}</h1>"
+    )
+}
 
 /// Renders the page; `made` is the date of the report, `of` that of the calibration, as text.
 #[must_use]
 pub fn page(report: &Report, made: &str, of: &str) -> String {
-    let mut page = String::new();
     let about = &report.about;
     let of_whom = match about.serial.as_str() {
         "" => "Calibration without a serial number".to_owned(),
         serial => format!("Calibration of {}", escaped(serial)),
     };
-    let _ = write!(
-        page,
-        "<!doctype html><html lang=en><meta charset=utf-8>\
-         <meta name=viewport content=\"width=device-width\">\
-         <meta name=color-scheme content=\"light dark\">\
-         <title>{of_whom}</title><style>{STYLE}</style>\
-         <h1>{of_whom}</h1>",
-    );
+    let mut page = head(&of_whom);
     judged::verdict(&mut page, report);
     let _ = write!(
         page,

@@ -1,5 +1,6 @@
 //! Tests of the `taxel` command and of its library's shared parts: one program, linked once.
 
+mod bench_forms;
 mod broken_links;
 #[cfg(target_os = "linux")]
 mod broken_off;

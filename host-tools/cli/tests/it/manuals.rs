@@ -8,9 +8,10 @@ use crate::common::In;
 use taxel::measured::NoValue;
 
 /// Pages with shell blocks, and some that may get one.
-const MANUALS: [&str; 17] = [
+const MANUALS: [&str; 18] = [
     "README.md",
     "docs/accuracy.md",
+    "docs/bench-protocol.md",
     "docs/boards/stm32f411.md",
     "docs/boards/stm32g431.md",
     "docs/boards/weact-stm32g431.md",
@@ -47,6 +48,7 @@ elsewhere() {
 taxel() {
     local all=" $* " word words=()
     case "$all" in
+        " bench-report "*) cp "$ROOT/docs/$2" . ;;
         " chart "*) elsewhere taxel "$@"; set -- chart --help ;;
         *" --inputs "* | *" --sensor "*) ;;
         # A net of four units is fitted in seconds; how good nets are is no matter of the manuals.

@@ -6,11 +6,12 @@ use std::process::Command;
 use crate::common::{In, Ran};
 
 /// Commands with their output file as `OUT`, all of which need seconds at most.
-const COMMANDS: [(&str, &str); 6] = [
+const COMMANDS: [(&str, &str); 7] = [
     ("fit", "calibrate fit --data bench.csv --sensor 0 --out OUT.toml"),
     ("adjust", "calibrate adjust --data weights.csv --calibration finger.toml --out OUT.toml"),
     ("download", "calibrate download --port sim:tour --out OUT.toml"),
     ("report", "calibrate report --data bench.csv --calibration s0.toml --out OUT.html"),
+    ("bench-report", "bench-report form.csv --out OUT.html"),
     ("simulate", "simulate --scene bench-s0 --out OUT.csv"),
     ("replay", "replay bench.csv --out OUT.csv"),
 ];
@@ -27,6 +28,8 @@ fn inputs(folder: &In<'_>) {
     }
     let finger = concat!(env!("CARGO_MANIFEST_DIR"), "/../emulator/data/finger.cal.toml");
     std::fs::copy(finger, folder.0.join("finger.toml")).unwrap();
+    let form = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/bench-stm32g431.csv");
+    std::fs::copy(form, folder.0.join("form.csv")).unwrap();
 }
 
 fn words(typed: &str) -> Vec<&str> {
