@@ -70,7 +70,7 @@ fn as_users_install_it(tools: &Path) -> Result<()> {
 /// Returns the interpreter of an environment with the client and its tests' dependencies.
 fn clients_environment(client: &Path) -> Result<PathBuf> {
     // An older environment may lack some of these.
-    let imports = "import pytest, pytest_rerunfailures, mypy, ruff, pandas, zenoh, foxglove_schemas_protobuf, h5py, mcap_protobuf, pyarrow, rosbags, websockets, xxhash";
+    let imports = "import pytest, pytest_rerunfailures, mypy, ruff, pandas, zenoh, foxglove_schemas_protobuf, h5py, mcap_protobuf, pyarrow, rosbags, websockets, xxhash, foxglove, ruamel.yaml; import sys; sys.version_info < (3, 11) or __import__('rerun')";
     let (python, there) = environment(&target().join("python-client"), imports)?;
     if !there {
         // The tests import a small part of these packages, so the rest is not compiled.
