@@ -165,25 +165,34 @@ impl RaggedWatch {
     /// kept, but for one that may be noisy too, and than the dark reading of its column; and not as
     /// a slip does. A force that shakes changes several readings at once; their sums may be older.
     fn is_alone(&self, group: usize, i: usize, others: i32) -> bool {
-        let codes = self.codes(group, i);
-        let (t, _) = difference(codes);
-        let far = t * t / others;
-        let is_far = |group, i| {
-            let (t, _) = difference(self.codes(group, i));
-            t * t >= far
+        let far = self.squared(group, i) / others;
+        let kind = match group {
+            ..DARK => 0..DARK,
+            DARK => DARK..DARK + 1,
+            _ => DARK + 1..GROUPS,
         };
-        let far_of = |groups: Range<usize>| -> usize {
-            groups.map(|group| (0..COLS).filter(|i| is_far(group, *i)).count()).sum()
-        };
-        let alone = match group {
-            ..DARK => far_of(0..DARK) <= 2 && !is_far(DARK, i),
-            DARK => far_of(DARK..DARK + 1) <= 2,
-            _ => far_of(group..group + 1) <= 1 && far_of(DARK + 1..GROUPS) <= 2,
-        };
-        alone && !slips(codes)
+        self.count(kind, far) <= 2
+            && (group <= DARK || self.count(group..group + 1, far) == 1)
+            && (group >= DARK || self.squared(DARK, i) < far)
+            && !slips(self.codes(group, i))
+    }
+
+    /// Number of readings of the groups whose squared third difference is at least `far`.
+    #[inline(never)]
+    fn count(&self, groups: Range<usize>, far: i32) -> usize {
+        let readings = groups.start * COLS..groups.end * COLS;
+        readings.filter(|at| self.squared(at / COLS, at % COLS) >= far).count()
+    }
+
+    /// Square of a reading's third difference in the scans that are kept.
+    #[inline(never)]
+    fn squared(&self, group: usize, i: usize) -> i32 {
+        let (t, _) = difference(self.codes(group, i));
+        t * t
     }
 
     /// Codes of a reading in the scans that are kept.
+    #[inline(never)]
     fn codes(&self, group: usize, i: usize) -> [Code; IN_A_ROW] {
         let code = |scan: &[Group; GROUPS]| scan.get(group).and_then(|group| group.get(i)).copied();
         self.scans.each_ref().map(|scan| code(scan).unwrap_or_default())
