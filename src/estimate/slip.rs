@@ -118,7 +118,7 @@ const QUICK: f32 = 5.0;
 /// Growth of the variance of 1/μ per second, because the touched material may change.
 const WANDER: f32 = 1e-3;
 /// Growth of the variance of 1/μ from contact to contact: the next object may be of any material.
-const NEXT_CONTACT: f32 = 0.3;
+const NEXT_CONTACT: f32 = 0.15;
 /// Hysteresis of the warning: it ends so much above the margin at which it began.
 const HYSTERESIS: f32 = 0.02;
 /// Range of μ; rubber on most materials lies within.
