@@ -191,15 +191,8 @@ mod tests {
             let point = [[-1.0, -1.0], [1.0, 0.0], [-0.5, 1.0]][place as usize];
             rows.push(Row { signals: signals(&model, force, point).unwrap(), force, point });
         }
-        let skin = Skin {
-            model,
-            rows,
-            left_out: 0,
-            residual: [0.0; 3],
-            place: None,
-            sure: 0.0,
-            held_out: false,
-        };
+        let skin =
+            Skin { model, rows, left_out: 0, residual: [0.0; 3], place: None, held_out: false };
         let options = NetOptions { seed: 0, starts: 1, steps: 60 };
         let stop = AtomicBool::new(false);
         let build = Build { hidden: 12, skip: false };

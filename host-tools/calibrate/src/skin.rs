@@ -43,8 +43,6 @@ pub(crate) struct Skin {
     /// RMS distance from the labelled place on presses left out, of the model and of the centroid,
     /// mm; `None` without labels.
     pub place: Option<[f64; 2]>,
-    /// Share of these rows in which the model tells a place that the chip does not withhold.
-    pub sure: f64,
     /// Whether presses were left out; with too few of them the errors are those of the fit.
     pub held_out: bool,
 }
@@ -123,8 +121,7 @@ pub(crate) fn fit(
     }
     let residual = judged.force();
     let place = placed.then(|| judged.place());
-    let (sure, left_out) = (judged.fits / judged.rows.max(1.0), left_out.iter().sum());
-    Ok(Some(Skin { model, rows, left_out, residual, place, sure, held_out }))
+    Ok(Some(Skin { model, rows, left_out: left_out.iter().sum(), residual, place, held_out }))
 }
 
 /// Largest ratio of shear to normal force under a firm load.

@@ -2,7 +2,7 @@
 //! lines that state it.
 
 use taxel::calibration::Calibration;
-use taxel::finger::{Finger, UNSURE_PLACE};
+use taxel::finger::Finger;
 
 use crate::evaluate;
 use crate::prepared::Prepared;
@@ -10,8 +10,6 @@ use crate::recording::Recording;
 
 /// Ratio of the net's error in f_z to the model's from which the model is kept for its f_z alone.
 const TWICE: f64 = 2.0;
-/// Least share of rows with a place of the model's own for which it is kept without labels.
-const MOSTLY: f64 = 0.5;
 
 /// Errors of the force with some of the four force sensors, and without them.
 pub(super) struct Helped {
@@ -94,16 +92,13 @@ pub(super) struct Judged {
     /// Distances from the labelled place, of the model and of the centroid, mm; `None` without
     /// labels.
     pub place: Option<[f64; 2]>,
-    /// Share of rows in which the model states a place to [`UNSURE_PLACE`] or better.
-    pub sure: f64,
 }
 
 impl Judged {
     /// Whether the record keeps the model. The finger then takes force and place from it.
     ///
     /// A place below the pitch of the taxels is never dropped for the sake of the force, nor a
-    /// normal force that is twice as good for the sake of the shear. Without labels the place is
-    /// the model's own, which nothing else in the record tells.
+    /// normal force that is twice as good for the sake of the shear.
     pub fn keeps_skin(&self) -> bool {
         !self.is_worse() || self.is_placed() || self.is_firm()
     }
@@ -135,11 +130,7 @@ impl Judged {
             }
         });
         let unjudged = || match kept {
-            true => format!(
-                "model of the skin (sure to {UNSURE_PLACE} mm in {:.0} % of rows), not judged: no recording has \
-                 x_mm, y_mm",
-                100.0 * self.sure
-            ),
+            true => "model of the skin, not judged: no recording has x_mm, y_mm".to_owned(),
             false => "centroid, because the model of the skin is left out".to_owned(),
         };
         let place = place.unwrap_or_else(unjudged);
@@ -160,7 +151,7 @@ impl Judged {
     }
 
     fn is_placed(&self) -> bool {
-        self.place.map_or(self.sure > MOSTLY, |[own, centroid]| own <= centroid)
+        self.place.is_some_and(|[own, centroid]| own <= centroid)
     }
 
     fn is_firm(&self) -> bool {
@@ -173,12 +164,9 @@ impl Judged {
 mod tests {
     use super::*;
 
-    fn told(
-        (skin, net): ([f64; 3], [f64; 3]),
-        (place, sure): (Option<[f64; 2]>, f64),
-    ) -> (bool, String) {
+    fn told(skin: [f64; 3], net: [f64; 3], place: Option<[f64; 2]>) -> (bool, String) {
         let milli = |errors: [f64; 3]| errors.map(|e| 1e-3 * e).to_vec();
-        let judged = Judged { skin: milli(skin), net: milli(net), held_out: true, place, sure };
+        let judged = Judged { skin: milli(skin), net: milli(net), held_out: true, place };
         (judged.keeps_skin(), judged.told().join("\n"))
     }
 
@@ -196,8 +184,8 @@ mod tests {
 
     #[test]
     fn choice_on_presses_of_the_fit_says_so() {
-        let (skin, net) = (vec![0.01], vec![0.02]);
-        let judged = Judged { skin, net, held_out: false, place: Some([0.1, 0.2]), sure: 1.0 };
+        let judged =
+            Judged { skin: vec![0.01], net: vec![0.02], held_out: false, place: Some([0.1, 0.2]) };
         let lines = judged.told();
         let told = |line: &String| line.ends_with("on those of the fit, too few to leave any out");
         assert!(lines.iter().all(told), "{lines:?}");
@@ -209,15 +197,11 @@ mod tests {
         let (firm, left_out) = ([190.0, 190.0, 20.0], "on presses left out");
         let [bad_mn, good_mn, firm_mn] =
             ["190.0 190.0 63.0 mN", "140.0 140.0 58.0 mN", "190.0 190.0 20.0 mN"];
-        let unjudged = |percent: u8| {
-            format!(
-                "model of the skin (sure to 0.5 mm in {percent} % of rows), not judged: no recording has x_mm, y_mm"
-            )
-        };
-        for (errors, place, kept, force, point) in [
+        for (skin, net, place, kept, force, point) in [
             (
-                (good, bad),
-                (Some([0.6, 0.5]), 1.0),
+                good,
+                bad,
+                Some([0.6, 0.5]),
                 true,
                 format!("model of the skin ({good_mn}) over net ({bad_mn}), {left_out}"),
                 format!(
@@ -225,8 +209,9 @@ mod tests {
                 ),
             ),
             (
-                (bad, good),
-                (Some([0.1, 0.5]), 1.0),
+                bad,
+                good,
+                Some([0.1, 0.5]),
                 true,
                 format!(
                     "model of the skin ({bad_mn}), kept for its contact point; net {good_mn}, {left_out}"
@@ -234,35 +219,26 @@ mod tests {
                 format!("model of the skin (0.100 mm) over centroid (0.500 mm), {left_out}"),
             ),
             (
-                (firm, good),
-                (None, 0.1),
+                firm,
+                good,
+                None,
                 true,
                 format!(
                     "model of the skin ({firm_mn}), kept for its F_z; net {good_mn}, {left_out}"
                 ),
-                unjudged(10),
+                "model of the skin, not judged: no recording has x_mm, y_mm".to_owned(),
             ),
-            // Nothing else in the record tells a place below the pitch of the taxels.
             (
-                (bad, good),
-                (None, 0.9),
-                true,
-                format!(
-                    "model of the skin ({bad_mn}), kept for its contact point; net {good_mn}, {left_out}"
-                ),
-                unjudged(90),
-            ),
-            // A place that the chip would mostly withhold is none.
-            (
-                (bad, good),
-                (None, 0.4),
+                bad,
+                good,
+                None,
                 false,
                 format!("net ({good_mn}) over model of the skin ({bad_mn}), {left_out}"),
                 "centroid, because the model of the skin is left out".to_owned(),
             ),
         ] {
             let lines = format!("force from the matrix: {force}\ncontact point: {point}");
-            assert_eq!(told(errors, place), (kept, lines));
+            assert_eq!(told(skin, net, place), (kept, lines));
         }
     }
 }

@@ -61,12 +61,11 @@ pub(super) fn skin(
 /// Keeps the skin model in the record if it is better than the net.
 pub(super) fn keep_skin(fitted: &mut Fitted, skin: Skin) {
     let Some(taxels) = &fitted.calibration.taxels else { return };
-    let Skin { model, rows, left_out, residual, place, sure, held_out } = skin;
+    let Skin { model, rows, left_out, residual, place, held_out } = skin;
     let components = fitted.calibration.net.as_ref().map_or(1, Net::outputs).min(3);
     let net = taxels.residual[..components].iter().map(|e| f64::from(*e)).collect();
     let from = 3 - components;
-    let skin = residual[from..].to_vec();
-    let judged = choice::Judged { skin, net, held_out, place, sure };
+    let judged = choice::Judged { skin: residual[from..].to_vec(), net, held_out, place };
     fitted.choices.extend(judged.told());
     if !judged.keeps_skin() {
         if place.is_some() {
