@@ -91,7 +91,7 @@ mod tests {
         Coefficients::from_iterator(all.map(f64::from))
     }
 
-    /// The same finger by recordings in which every contact has used the share `used` of friction.
+    /// A finger by recordings in which every contact has used the share `used` of friction.
     fn recorded_at(used: f64) -> Coefficients {
         let mut field = shown();
         let area = 1.0 + SHRINKS * used;

@@ -294,7 +294,7 @@ fn stopped_adjustment_keeps_what_helped_before() {
     let stopped = stopped_in("light of the taxels").unwrap();
     let parts: Vec<Part> = stopped.parts.iter().map(|tried| tried.part).collect();
     assert!(stopped.stopped && !stopped.unaged && parts == [Part::Bias], "{stopped:?}");
-    // The parts that were not tried may repair what is left: it is no reason to fit anew.
+    // The parts that were not tried may repair what is left: it is no reason to fit again.
     assert!(stopped.warnings.is_empty(), "{:?}", stopped.warnings);
     let old = calibrated(14);
     let zero = |record: &Calibration| record.taxels.as_ref().unwrap().bias;
