@@ -40,7 +40,7 @@ impl Form {
     /// Value of a key of [`HEAD`]; empty where nobody gave one.
     #[must_use]
     pub fn head(&self, key: &str) -> &str {
-        HEAD.iter().position(|known| *known == key).map_or("", |at| &self.head[at])
+        given(&self.head, key)
     }
 
     /// Whether the finger is said to have no force sensors.
@@ -48,6 +48,12 @@ impl Form {
     pub fn is_matrix_alone(&self) -> bool {
         self.head("force_sensors") == "0"
     }
+}
+
+/// Value of a key of [`HEAD`] among the values of a form; empty where nobody gave one.
+#[must_use]
+pub fn given<'h>(head: &'h [String; HEAD.len()], key: &str) -> &'h str {
+    HEAD.iter().position(|known| *known == key).map_or("", |at| &head[at])
 }
 
 /// Expectation, and what was found of it.

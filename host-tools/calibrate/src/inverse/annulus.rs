@@ -5,8 +5,8 @@
 //! shrinks by two fifths. Recordings whose shear has one form throughout, because the indenter
 //! was glued to the skin or slid, fit no such share; a finger would not see a slip begin.
 //!
-//! Which form theirs is shows as the contact grows. Both N and T are the skin's response to a point,
-//! smeared over the contact, so that ∂u/∂s² is a multiple of the Laplacian of u. The multiple of T
+//! The growth of the contact tells the two forms apart. Both N and T are the skin's response to a
+//! point, smeared over the contact, so that ∂u/∂s² is a multiple of the Laplacian of u. The multiple of T
 //! is 5/3 that of N while the contact sticks, and equal at full slip.
 
 use super::forward::{Coefficients, FIELD, RADIAL, radial};
@@ -32,15 +32,19 @@ pub(super) fn completed(field: &Coefficients) -> Coefficients {
     field[FIELD - 1] = SHRINKS;
     if multiple(&field, Part::Shear) < STICKS * multiple(&field, Part::Normal) {
         // At full slip 1 + e·b is 1 + e: the area without slip is larger by as much.
-        let larger = 1.0 / (1.0 + SHRINKS);
-        let shear = &mut field.as_mut_slice()[RADIAL..2 * RADIAL];
-        shear[1] *= larger;
-        for term in shear[2..].chunks_exact_mut(3) {
-            term[1] *= larger;
-            term[2] *= larger * larger;
-        }
+        widen(&mut field, 1.0 / (1.0 + SHRINKS));
     }
     field
+}
+
+/// Multiplies the sheared area at every load.
+fn widen(field: &mut Coefficients, by: f64) {
+    let shear = &mut field.as_mut_slice()[RADIAL..2 * RADIAL];
+    shear[1] *= by;
+    for term in shear[2..].chunks_exact_mut(3) {
+        term[1] *= by;
+        term[2] *= by * by;
+    }
 }
 
 #[derive(Clone, Copy)]
@@ -94,13 +98,7 @@ mod tests {
     /// A finger by recordings in which every contact has used the share `used` of friction.
     fn recorded_at(used: f64) -> Coefficients {
         let mut field = shown();
-        let area = 1.0 + SHRINKS * used;
-        let shear = &mut field.as_mut_slice()[RADIAL..2 * RADIAL];
-        shear[1] *= area;
-        for term in shear[2..].chunks_exact_mut(3) {
-            term[1] *= area;
-            term[2] *= area * area;
-        }
+        widen(&mut field, 1.0 + SHRINKS * used);
         field[FIELD - 1] = 0.0;
         field
     }

@@ -3,7 +3,7 @@
 use std::fmt::{Display, Write as _};
 
 use taxel_calibrate::report::html::{escaped, head};
-use taxel_files::bench::{HEAD, Step};
+use taxel_files::bench::{self, Step};
 
 use super::judge::{Judged, JudgedStep, Verdict};
 
@@ -26,7 +26,7 @@ pub fn page(judged: &Judged) -> String {
 
 /// Value of a line at the top of the form.
 fn given<'j>(judged: &'j Judged, key: &str) -> &'j str {
-    HEAD.iter().position(|known| *known == key).map_or("", |at| &judged.head[at])
+    bench::given(&judged.head, key)
 }
 
 fn verdict(page: &mut String, judged: &Judged) {
