@@ -4,7 +4,7 @@
 use super::{MANUALS, NOT_A_SCRIPT, pages, root, text};
 
 /// Beginnings of the commands, word by word, and what runs them.
-pub const ELSEWHERE: [(&str, &str); 42] = [
+pub const ELSEWHERE: [(&str, &str); 44] = [
     // Steps of `cargo xtask test`, of which the manuals' tests are one: they would wait for its lock.
     ("cargo test -p taxel", "host tests of `cargo xtask test`"),
     ("cargo xtask cycles", "step `instructions and cycles of every stage`"),
@@ -27,6 +27,7 @@ pub const ELSEWHERE: [(&str, &str); 42] = [
     ),
     ("pip install ./host-tools/cli", "minutes; `cargo xtask release` builds the wheel"),
     ("pip install ./host-tools/python", "step `Python client: types, lints, installation`"),
+    ("pip install './host-tools/python[rerun,recordings]'", "step `Python client` has both"),
     ("pip install eclipse-zenoh rosbags", "step `Python client` has both in its environment"),
     ("ros2 topic echo", "needs ROS 2; test_bridge.py subscribes to the topic"),
     ("ros2 service call", "needs ROS 2; test_ros.py calls the service"),
@@ -53,6 +54,7 @@ pub const ELSEWHERE: [(&str, &str); 42] = [
     ("TAXEL_LONG=1 cargo nextest run -p taxel-cli", "profile nightly"),
     // The Python client's tests.
     ("python3 host-tools/ros2/listen.py", "test_bridge.py"),
+    ("python host-tools/python/examples/show_in_rerun.py", "test_rerun.py"),
     ("taxel bridge --zenoh --port sim:press --port sim:shear", "test_bridge.py"),
     ("cmake -S host-tools/c -B build", "test_c.py"),
     ("cmake --build build", "test_c.py"),
