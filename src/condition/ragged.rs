@@ -11,6 +11,8 @@
 //! corner that is over within three scans, scans of quick touches at uneven times, and a stick-slip
 //! of some fifteen scans or less that moves a single midpoint.
 
+use core::ops::Range;
+
 use super::Health;
 use super::jump::{Least, Leasts};
 use crate::scan::{COLS, Codes, ROWS, SENSORS, TAXELS};
@@ -159,26 +161,38 @@ impl RaggedWatch {
         }
     }
 
-    /// Returns whether a reading changes far more than the rest of its group, but for one that may
-    /// be noisy too, and than the dark reading of its column; and not as a slip does.
+    /// Returns whether a reading changes far more than all others of its kind in the scans that are
+    /// kept, but for one that may be noisy too, and than the dark reading of its column; and not as
+    /// a slip does. A force that shakes changes several readings at once; their sums may be older.
+    #[inline(never)]
     fn is_alone(&self, group: usize, i: usize, others: i32) -> bool {
-        let codes = self.codes(group, i);
-        let (t, _) = difference(codes);
-        let far = t * t / others;
-        let is_far = |codes: [Code; IN_A_ROW]| {
-            let (t, _) = difference(codes);
-            t * t >= far
+        let far = self.squared(group, i) / others;
+        let kind = match group {
+            ..DARK => 0..DARK,
+            DARK => DARK..DARK + 1,
+            _ => DARK + 1..GROUPS,
         };
-        let scans = self.scans.each_ref().map(|groups| groups.get(group));
-        let [Some(a), Some(b), Some(c), Some(d)] = scans else { return false };
-        let codes_of_all = a.iter().zip(b).zip(c).zip(d);
-        let all = codes_of_all.filter(|(((a, b), c), d)| is_far([**a, **b, **c, **d])).count();
-        all <= if group > DARK { 1 } else { 2 }
-            && !slips(codes)
-            && (group >= DARK || !is_far(self.codes(DARK, i)))
+        // The whole kind comes last, because it takes longest.
+        !slips(self.codes(group, i))
+            && (group >= DARK || self.squared(DARK, i) < far)
+            && self.count(group..group + 1, far) <= if group > DARK { 1 } else { 2 }
+            && self.count(kind, far) <= 2
+    }
+
+    /// Number of readings of the groups whose squared third difference is at least `far`.
+    fn count(&self, groups: Range<usize>, far: i32) -> usize {
+        let readings = groups.start * COLS..groups.end * COLS;
+        readings.filter(|at| self.squared(at / COLS, at % COLS) >= far).count()
+    }
+
+    /// Square of a reading's third difference in the scans that are kept.
+    fn squared(&self, group: usize, i: usize) -> i32 {
+        let (t, _) = difference(self.codes(group, i));
+        t * t
     }
 
     /// Codes of a reading in the scans that are kept.
+    #[inline(never)]
     fn codes(&self, group: usize, i: usize) -> [Code; IN_A_ROW] {
         let code = |scan: &[Group; GROUPS]| scan.get(group).and_then(|group| group.get(i)).copied();
         self.scans.each_ref().map(|scan| code(scan).unwrap_or_default())

@@ -122,7 +122,7 @@ const NEXT_CONTACT: f32 = 0.15;
 /// Hysteresis of the warning: it ends so much above the margin at which it began.
 const HYSTERESIS: f32 = 0.02;
 /// Range of μ; rubber on most materials lies within.
-const FRICTION: [f32; 2] = [0.05, 2.0];
+pub(crate) const FRICTION: [f32; 2] = [0.05, 2.0];
 
 impl SlipState {
     /// Ends the contact. Friction stays known, less surely, because the next object may be another.

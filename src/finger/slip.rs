@@ -4,7 +4,7 @@ use crate::calibration::Calibration;
 use crate::condition::Signals;
 use crate::estimate::NormalContact;
 use crate::estimate::slide::GrossSlipDetector;
-use crate::estimate::slip::{Slip, SlipState, Traction, Verdict};
+use crate::estimate::slip::{FRICTION, Slip, SlipState, Traction, Verdict};
 use crate::estimate::vibration::VibrationDetector;
 use crate::finger::fusion::{Fused, without};
 use crate::finger::matrix::OpticalEstimate;
@@ -98,15 +98,17 @@ impl Grip<'_> {
         let (x, y, z) = (x?, y?, z?);
         let torsion = self.torsion.map_or(0.0, |torsion| torsion.0);
         let array = record.and_then(Calibration::array);
-        let moment_sigma = array.map_or(0.0, |array| array.moment_residual);
+        let (shear2, least) = (x.value * x.value + y.value * y.value, FRICTION[0] * z.value);
+        let torsion_sigma = TORSION_SIGMAS * array.map_or(0.0, |array| array.moment_residual);
         let mut traction = Traction {
             shear: [x.value, y.value],
             normal: z.value,
             torsion,
             arm: arm(&self.optical.contacts),
-            sigma: [at_least(x.sigma, y.sigma), TORSION_SIGMAS * moment_sigma],
+            sigma: [at_least(x.sigma, y.sigma), torsion_sigma],
             ring: self.optical.ring,
-            rubs: self.rubs,
+            // Without the shear or torsion of any gross slip it was a knock.
+            rubs: self.rubs && (shear2 > least * least || torsion.abs() > torsion_sigma),
             ..Traction::default()
         };
         // The middle of two contacts wanders when their load share changes; that is no gross slip.
@@ -173,6 +175,31 @@ mod tests {
         };
         assert_eq!(margin(0.25), 1.0, "two and a half standard deviations");
         assert!(margin(1.0) < 0.9, "{}", margin(1.0));
+    }
+
+    #[test]
+    fn knock_without_shear_or_torsion_is_no_gross_slip() {
+        let array = Array { moment_residual: 0.1, ..Array::default() };
+        let record = Calibration { array: Some(array), ..Calibration::EMPTY };
+        let optical = OpticalEstimate::nothing(NoValue::Absent);
+        let slides = |shear: f32, torsion: f32| {
+            let force = [shear, 0.0, 1.0].map(|value| Ok(Gaussian { value, sigma: 0.0 }));
+            let fused = Fused { force, point: Err(NoValue::NotEstimated) };
+            let grip = Grip {
+                time: Micros(1000),
+                fused: &fused,
+                torsion: Ok(NewtonMillimetres(torsion)),
+                optical: &optical,
+                rubs: true,
+            };
+            let (mut state, mut status) = (GripState::default(), Status::default());
+            grip.judge(Some(&record), &Slip::usual(0.8), &mut state, &mut status).unwrap();
+            status.contains(Status::SLIDES)
+        };
+        assert!(!slides(0.04, 0.0));
+        assert!(slides(-0.06, 0.0));
+        assert!(!slides(0.0, -0.29));
+        assert!(slides(0.0, -0.31));
     }
 
     #[test]

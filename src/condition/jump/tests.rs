@@ -532,3 +532,18 @@ fn noise_is_not_told_beside_a_clipped_taxel_or_a_faulty_sensor() {
         assert_eq!(finger.next(), finger.known, "scan {scan}");
     }
 }
+
+#[test]
+fn force_that_shakes_is_no_noise_of_a_reading() {
+    // A slide shakes the whole finger at once; each sensor has a midpoint that feels most of it.
+    let mut finger = Fingertip::new();
+    for scan in 0..200_000 {
+        let slides = scan % 700 < 200;
+        let force = if slides { 12.0 * CODES * noise(&mut finger.random) } else { 0.0 };
+        finger.midpoints = [0, 1, 2, 3].map(|sensor| {
+            core::array::from_fn(|i| if i == sensor { force } else { 0.3 * force })
+        });
+        finger.lit = core::array::from_fn(|k| if k % 5 == 0 { force } else { 0.3 * force });
+        assert_eq!(finger.next(), Health::SOUND, "scan {scan}");
+    }
+}
