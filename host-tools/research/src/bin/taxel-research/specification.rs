@@ -3,6 +3,7 @@
 //! Every case is fitted and judged by the commands that a user types.
 
 mod independent;
+mod moving;
 
 use std::path::{Path, PathBuf};
 
@@ -132,17 +133,23 @@ pub fn judge(arguments: &Judge) -> Result<()> {
 
 /// Runs `taxel calibrate` and returns its JSON.
 fn calibrate(case: &str, words: &[&str]) -> Result<Value> {
+    let words = [&["calibrate"], words, &["--json"]].concat();
+    Ok(serde_json::from_slice(&taxel(case, &words)?)?)
+}
+
+/// Runs `taxel` and returns what it prints.
+fn taxel(case: &str, words: &[&str]) -> Result<Vec<u8>> {
     let name = format!("taxel{}", std::env::consts::EXE_SUFFIX);
     let taxel = std::env::current_exe()?.with_file_name(name);
     let mut command = command(&taxel, Path::new("."));
-    command.arg("calibrate").args(words).arg("--json");
+    command.args(words);
     let output = command.output().with_context(|| {
         format!("{}: does not start; build it as this program was built", taxel.display())
     })?;
     let said = String::from_utf8_lossy(&output.stderr);
     ensure!(output.status.success(), "{case}: `taxel {}`: {said}", words.join(" "));
     eprint!("{said}");
-    Ok(serde_json::from_slice(&output.stdout)?)
+    Ok(output.stdout)
 }
 
 fn judged(case: &Case, data: &Path, costs: &Costs) -> Result<Vec<Verdict>> {
@@ -257,7 +264,7 @@ impl std::fmt::Display for Verdict {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { what, limit, reached, digits } = self;
         let verdict = if self.met() { "met" } else { "MISSED" };
-        write!(f, "  {what:<40} limit {limit:>9.digits$}  reached {reached:>9.digits$}  {verdict}")
+        write!(f, "  {what:<54} limit {limit:>9.digits$}  reached {reached:>9.digits$}  {verdict}")
     }
 }
 

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use serde_json::Value;
 
-use super::{Verdict, calibrate};
+use super::{Verdict, calibrate, moving};
 
 /// Noise of a load cell, newtons, and largest error of a press's place, mm.
 const NOISE: [f64; 2] = [0.006, 0.1];
@@ -27,6 +27,8 @@ pub(super) struct Finger {
     cells: Vec<String>,
     noisy: bool,
     trials: Vec<Trial>,
+    /// Whether its slides, grasps and faults are judged too.
+    moves: bool,
 }
 
 /// A recording to judge with its limits.
@@ -77,6 +79,7 @@ pub(super) fn fingers() -> Vec<Finger> {
         cells: Vec::new(),
         noisy,
         trials,
+        moves: device == "d21" && !noisy,
     };
     let mut all = Vec::new();
     for device in ["d21", "d22", "d23"] {
@@ -172,6 +175,9 @@ pub(super) fn judged(finger: &Finger, data: &Path) -> Result<Vec<Verdict>> {
         let beyond = beyond.filter_map(|(_, of)| of["beyond_3_sigma"].as_f64());
         let stated = trial.stated.then_some(BEYOND);
         put("beyond 3 sigma, share", stated, beyond.fold(f64::NAN, f64::max));
+    }
+    if finger.moves {
+        verdicts.extend(moving::judged(&out, &data.join("independent"))?);
     }
     Ok(verdicts)
 }
