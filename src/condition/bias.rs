@@ -231,29 +231,40 @@ impl<const N: usize> Moments<N> {
     }
 
     /// Moves the `first` levels to their means and returns their noise.
-    #[inline(never)]
     fn finish(
         &self,
         known: Option<f32>,
         first: &mut [f32; N],
         noisiest: &mut f32,
     ) -> Result<f32, BiasRefusal> {
-        let known = at_least(known.unwrap_or(BiasTaker::UNKNOWN_NOISE), NOISE_FLOOR);
-        let limit = at_most(BiasTaker::STILL * known, NOISE_LIMIT);
-        let (mut worst, mut all) = (0.0f32, 0.0);
-        for (level, [sum, squares]) in first.iter_mut().zip(&self.sums) {
-            let mean = sum / at_least(self.scans, 1.0);
-            let variance = (squares - sum * mean) / at_least(self.scans - 1.0, 1.0);
-            worst = at_least(variance, worst);
-            all += at_least(variance, 0.0);
-            *level += mean;
-        }
-        *noisiest = at_least(worst, *noisiest);
-        if worst > limit * limit {
-            return Err(BiasRefusal::NotStill);
-        }
-        Ok(at_least(sqrt(all / N as f32), NOISE_FLOOR))
+        finish(self.scans, &self.sums, known, first, noisiest)
     }
+}
+
+/// Finishes the [`Moments`] of any number of channels.
+#[inline(never)]
+fn finish(
+    scans: f32,
+    sums: &[[f32; 2]],
+    known: Option<f32>,
+    first: &mut [f32],
+    noisiest: &mut f32,
+) -> Result<f32, BiasRefusal> {
+    let known = at_least(known.unwrap_or(BiasTaker::UNKNOWN_NOISE), NOISE_FLOOR);
+    let limit = at_most(BiasTaker::STILL * known, NOISE_LIMIT);
+    let (mut worst, mut all) = (0.0f32, 0.0);
+    for (level, [sum, squares]) in first.iter_mut().zip(sums) {
+        let mean = sum / at_least(scans, 1.0);
+        let variance = (squares - sum * mean) / at_least(scans - 1.0, 1.0);
+        worst = at_least(variance, worst);
+        all += at_least(variance, 0.0);
+        *level += mean;
+    }
+    *noisiest = at_least(worst, *noisiest);
+    if worst > limit * limit {
+        return Err(BiasRefusal::NotStill);
+    }
+    Ok(at_least(sqrt(all / sums.len() as f32), NOISE_FLOOR))
 }
 
 #[cfg(test)]

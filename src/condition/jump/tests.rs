@@ -540,9 +540,8 @@ fn force_that_shakes_is_no_noise_of_a_reading() {
     for scan in 0..200_000 {
         let slides = scan % 700 < 200;
         let force = if slides { 12.0 * CODES * noise(&mut finger.random) } else { 0.0 };
-        finger.midpoints = [0, 1, 2, 3].map(|sensor| {
-            core::array::from_fn(|i| if i == sensor { force } else { 0.3 * force })
-        });
+        finger.midpoints = [0, 1, 2, 3]
+            .map(|sensor| core::array::from_fn(|i| if i == sensor { force } else { 0.3 * force }));
         finger.lit = core::array::from_fn(|k| if k % 5 == 0 { force } else { 0.3 * force });
         assert_eq!(finger.next(), Health::SOUND, "scan {scan}");
     }
