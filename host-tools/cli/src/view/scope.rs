@@ -1,5 +1,7 @@
 //! State of one finger on the page: takes rows at any rate, returns ticks.
 
+mod history;
+
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
@@ -7,30 +9,17 @@ use serde_json::{Value, json};
 use taxel_files::frames::{Cell, Column, Kind, reason};
 
 use crate::view::spectrum::Spectrum;
+use history::{History, TICK_US, Tick, widen};
 
-/// Device time of a tick, in microseconds. By arrival, a stalled host would draw a wedge.
-const TICK_US: u64 = 5_000;
 /// Time after its last row when a tick is closed, because no row may follow.
 const SETTLED: Duration = Duration::from_millis(50);
-/// Ticks kept for a page that opens or lags: 30 s.
-const KEPT: usize = 6000;
 /// Ticks in one message. A page that opens gets the earlier ones in several.
 const MOST: usize = 500;
 
-/// Rows of one interval of device time.
-struct Tick {
-    /// Number of the interval.
-    interval: u64,
-    /// Device time of the last row, in seconds.
-    time: f64,
-    rows: u32,
-    /// Status bits that were set in any row.
-    status: u32,
-    /// Minimum and maximum of each ranged column.
-    range: Vec<Range>,
-}
-
-type Range = Option<(f32, f32)>;
+/// Length of the force, a column that the page has and the frame does not.
+const FORCE: &str = "f_n";
+/// Components of that force.
+const COMPONENTS: [&str; 3] = ["fx_n", "fy_n", "fz_n"];
 
 /// Counts, round trip and clock of a link.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -64,15 +53,15 @@ pub(crate) struct Scope {
     status_at: Option<usize>,
     time_at: Option<usize>,
     seq_at: Option<usize>,
+    /// Components of the force, if the rows have them all.
+    force_at: Option<[usize; 3]>,
     /// Number of restarts; a page discards what it has of an earlier number.
     epoch: u64,
     latest: Vec<Cell>,
     /// Arrival of the last row.
     heard: Option<Instant>,
     open: Option<Tick>,
-    ticks: VecDeque<Tick>,
-    /// Number of ticks closed so far.
-    count: u64,
+    ticks: History,
     channel: Option<String>,
     spectrum: Spectrum,
     rate: Rate,
@@ -100,12 +89,12 @@ impl Scope {
             status_at: None,
             time_at: None,
             seq_at: None,
+            force_at: None,
             epoch: 0,
             latest: Vec::new(),
             heard: None,
             open: None,
-            ticks: VecDeque::new(),
-            count: 0,
+            ticks: History::default(),
             channel: None,
             spectrum: Spectrum::default(),
             rate: Rate::default(),
@@ -120,7 +109,15 @@ impl Scope {
     }
 
     /// Sets the columns of the following rows. Ticks keep the columns that remain.
-    pub(crate) fn set_columns(&mut self, columns: Vec<Column>) {
+    pub(crate) fn set_columns(&mut self, mut columns: Vec<Column>) {
+        let force = COMPONENTS.map(|name| columns.iter().position(|column| column.name == name));
+        self.force_at = match force {
+            [Some(x), Some(y), Some(z)] => Some([x, y, z]),
+            _ => None,
+        };
+        if self.force_at.is_some() {
+            columns.push(Column { name: FORCE.to_owned(), kind: Kind::Measured });
+        }
         let find = |name| columns.iter().position(|column| column.name == name);
         (self.time_at, self.seq_at, self.status_at) = (find("t_us"), find("seq"), find("status"));
         let ranged = columns.iter().enumerate().filter(|(_, column)| is_ranged(column));
@@ -141,8 +138,7 @@ impl Scope {
     pub(crate) fn restart(&mut self) {
         self.epoch += 1;
         self.open = None;
-        self.ticks.clear();
-        self.count = 0;
+        self.ticks = History::default();
         self.spectrum.clear();
         self.rate = Rate::default();
     }
@@ -161,9 +157,15 @@ impl Scope {
         };
         let time_us = whole(self.time_at);
         let time = time_us as f64 * 1e-6;
-        if self.ticks.back().is_some_and(|last| time < last.time) {
+        if self.ticks.last().is_some_and(|last| time < last.time) {
             // The finger has restarted.
             self.restart();
+        }
+        self.latest.clear();
+        self.latest.extend_from_slice(row);
+        if let Some(force) = self.force_at {
+            let cell = |at| row.get(at).copied().unwrap_or(Cell::Empty);
+            self.latest.push(length(force.map(cell)));
         }
         self.rate.push(time);
         self.heard = Some(at);
@@ -179,18 +181,14 @@ impl Scope {
         tick.rows += 1;
         tick.status |= whole(self.status_at) as u32;
         for (range, at) in tick.range.iter_mut().zip(&self.ranged) {
-            if let Some(value) = row.get(*at).and_then(number) {
-                let (low, high) = range.unwrap_or((value, value));
-                *range = Some((low.min(value), high.max(value)));
-            }
+            widen(range, self.latest.get(*at).and_then(number).map(|value| (value, value)));
         }
         let channel = self.channel.as_ref();
         let channel = channel.and_then(|name| self.columns.iter().position(|c| c.name == *name));
         if let Some(at) = channel {
-            self.spectrum.push(whole(self.seq_at), time_us, row.get(at).and_then(number));
+            let value = self.latest.get(at).and_then(number);
+            self.spectrum.push(whole(self.seq_at), time_us, value);
         }
-        self.latest.clear();
-        self.latest.extend_from_slice(row);
     }
 
     /// Closes the present tick early, because no row follows.
@@ -199,12 +197,9 @@ impl Scope {
     }
 
     fn close(&mut self) {
-        let Some(tick) = self.open.take() else { return };
-        if self.ticks.len() == KEPT {
-            self.ticks.pop_front();
+        if let Some(tick) = self.open.take() {
+            self.ticks.push(tick);
         }
-        self.ticks.push_back(tick);
-        self.count += 1;
     }
 
     /// Returns the changes since `seen` as they are at the time `now`, and updates `seen`.
@@ -250,10 +245,9 @@ impl Scope {
             seen.facts = Some(self.facts.clone());
             news["facts"] = self.facts.clone();
         }
-        let first = self.count - self.ticks.len() as u64;
-        let skip = seen.ticks.saturating_sub(first) as usize;
-        let ticks = || self.ticks.iter().skip(skip).take(MOST);
-        seen.ticks = self.count.min(first + (skip + MOST) as u64);
+        let (ticks, next) = self.ticks.since(seen.ticks, MOST);
+        seen.ticks = next;
+        let ticks = || ticks.iter();
         news["ticks"] = json!({
             "time": ticks().map(|tick| tick.time).collect::<Vec<_>>(),
             "rows": ticks().map(|tick| tick.rows).collect::<Vec<_>>(),
@@ -302,6 +296,15 @@ fn number(cell: &Cell) -> Option<f32> {
 
 fn ends(tick: &Tick, end: fn((f32, f32)) -> f32) -> Vec<Option<f32>> {
     tick.range.iter().map(|range| range.map(end)).collect()
+}
+
+/// Returns the length of a force, or the reason for its first missing component.
+fn length(force: [Cell; 3]) -> Cell {
+    if let [Some(x), Some(y), Some(z)] = force.map(|cell| number(&cell)) {
+        return Cell::Real(x.hypot(y).hypot(z));
+    }
+    let missing = force.into_iter().find(|cell| number(cell).is_none());
+    missing.unwrap_or(Cell::Empty)
 }
 
 /// Converts a cell to JSON: a number, a reason, or null.

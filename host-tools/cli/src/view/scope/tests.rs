@@ -1,3 +1,4 @@
+use super::history::{FINE, MERGED_KEPT};
 use super::*;
 
 fn scope() -> Scope {
@@ -123,4 +124,54 @@ fn opening_page_gets_history_in_pieces() {
     let mut seen = Seen::default();
     let sizes = [(); 3].map(|()| forces(&scope.news(&mut seen, settled())).len());
     assert_eq!(sizes, [MOST, MOST, 0]);
+}
+
+/// Collects what a page gets that opens now: times, and each tick's largest force.
+fn opened(scope: &mut Scope) -> Vec<(f64, f64)> {
+    let mut seen = Seen::default();
+    let mut ticks = Vec::new();
+    loop {
+        let news = scope.news(&mut seen, settled());
+        let times: Vec<_> = news["ticks"]["time"].as_array().unwrap().clone();
+        if times.is_empty() {
+            return ticks;
+        }
+        let high = forces(&news).into_iter().map(|(_, high)| high);
+        ticks.extend(times.iter().map(|time| time.as_f64().unwrap()).zip(high));
+    }
+}
+
+#[test]
+fn opening_page_gets_two_minutes() {
+    let mut scope = scope();
+    // 140 s, with a peak of a single frame 110 s before the end.
+    stream(&mut scope, 560_000, 120_000);
+    let ticks = opened(&mut scope);
+    let (first, last) = (ticks[0].0, ticks[ticks.len() - 1].0);
+    assert!((119.9..120.1).contains(&(last - first)), "{first} to {last}");
+    assert_eq!(ticks.len(), FINE + MERGED_KEPT);
+    let peaks: Vec<f64> =
+        ticks.iter().filter(|(_, high)| *high == 9.5).map(|(time, _)| *time).collect();
+    assert!(peaks.len() == 1 && (peaks[0] - 30.0).abs() < 0.02, "{peaks:?}");
+    assert!(ticks.windows(2).all(|pair| pair[0].0 < pair[1].0));
+}
+
+#[test]
+fn length_of_force_is_a_column() {
+    let mut scope = Scope::new();
+    let names = ["t_us", "fx_n", "fy_n", "fz_n"];
+    let column = |name: &str| Column { name: name.to_owned(), kind: Kind::Measured };
+    scope.set_columns(names.map(column).to_vec());
+    let row = |z| [Cell::Whole(0), Cell::Real(2.0), Cell::Real(-3.0), z];
+    scope.push(&row(Cell::Real(6.0)), Instant::now());
+    scope.push(&row(Cell::Real(0.0)), Instant::now());
+    let news = scope.news(&mut Seen::default(), settled());
+    assert_eq!(news["columns"][4], json!({ "name": "f_n", "ranged": true }));
+    let ends = ["low", "high"].map(|end| news["ticks"][end][0][4].as_f64().unwrap());
+    assert!((ends[0] - 13f64.sqrt()).abs() < 1e-6 && ends[1] == 7.0, "{ends:?}");
+    // A force without one of its components has no length either.
+    scope.push(&row(Cell::Withheld(taxel::measured::NoValue::Saturated)), Instant::now());
+    let news = scope.news(&mut Seen::default(), settled());
+    assert_eq!(news["latest"][4], news["latest"][3]);
+    assert_eq!(news["latest"][4], reason(taxel::measured::NoValue::Saturated));
 }
