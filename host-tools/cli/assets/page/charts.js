@@ -17,7 +17,7 @@ export function paint(name) {
 
 export function axes(unit) {
   const common = { stroke: paint("--quiet"), grid: { stroke: paint("--line"), width: 1 }, ticks: { stroke: paint("--line"), width: 1 }, font: "12px system-ui, sans-serif" };
-  return [{ ...common }, { ...common, size: 62, values: (plot, splits) => (plot.bare ? splits.map(() => "") : short(splits)), label: unit, labelSize: 18, labelFont: "12px system-ui, sans-serif" }];
+  return [{ ...common, size: 30 }, { ...common, size: 62, values: (plot, splits) => (plot.bare ? splits.map(() => "") : short(splits)), label: unit, labelSize: 18, labelFont: "12px system-ui, sans-serif" }];
 }
 
 /** Part of the ticks that all charts show. */
@@ -31,6 +31,10 @@ export const view = {
   /** Called when a chart is dragged over. */
   onzoom: () => {},
   onreset: () => {},
+  /** Time under the pointer, in seconds before the end; null without a pointer. */
+  at: null,
+  /** Called when the pointer is over strips that are no chart. */
+  onpoint: () => {},
   range() { return this.zoom ?? [-this.length, 0]; },
 };
 
@@ -78,18 +82,28 @@ export function thinned(times, lows, highs, step, [from, to], gap) {
   return points;
 }
 
+/** Seconds without a tick that are a gap in the stream; ticks of the history may be 20 ms apart. */
+export const gapOf = (step, rate) => Math.max(4 * step, 4 / (rate || 10), .05);
+
+/** Colours of a chart's lines: components in order; a single line has that of the normal force. */
+const COLOURS = ["--x", "--y", "--z"];
+/** Line of a length, which lies under those of its components and is wide enough to show there. */
+const LENGTH = { colour: "--length", width: 3.5 };
+
 /** Strip chart of some columns over the last seconds. */
 export class Strip {
   constructor(parent, title, unit, names, labels) {
     Object.assign(this, { names, unit });
     this.digits = unit === "mm" || unit === "N·mm" ? 2 : 3;
-    this.colours = ["--x", "--y", "--z"].slice(names.length === 1 ? 2 : 0);
+    const colours = COLOURS.slice(names.length === 1 ? 2 : 0);
+    const component = () => ({ colour: colours.shift(), width: 1.25 });
+    this.lines = names.map((name) => (name === "f_n" ? LENGTH : component()));
     const figure = made("div", "chart");
     const heading = made("h3", "", title);
     this.keys = names.map((name, i) => {
       const key = made("span", "key");
       const swatch = document.createElement("i");
-      swatch.style.background = `var(${this.colours[i % 3]})`;
+      swatch.style.background = `var(${this.lines[i].colour})`;
       const value = made("b");
       key.append(swatch, labels[i], value);
       heading.append(key);
@@ -97,6 +111,7 @@ export class Strip {
     });
     this.when = made("span", "when");
     heading.append(this.when);
+    figure.classList.toggle("many", names.length > 2);
     this.holder = document.createElement("div");
     figure.append(heading, this.holder);
     parent.append(figure);
@@ -106,7 +121,7 @@ export class Strip {
   build() {
     this.plot?.destroy();
     this.shown = undefined;
-    const series = [{}, ...this.names.map((name, i) => ({ stroke: paint(this.colours[i % 3]), width: 1.25, points: { show: false } }))];
+    const series = [{}, ...this.lines.map(({ colour, width }) => ({ stroke: paint(colour), width, points: { show: false } }))];
     const [time, value] = axes(this.unit);
     // Seconds before now, because the finger's own clock has no meaning for a reader.
     time.values = (plot, splits) => splits.map((t) => (t === 0 ? this.end ?? "now" : `${Number(t.toFixed(3))} s`.replace("-", "−")));
@@ -124,7 +139,7 @@ export class Strip {
         bind: { dblclick: () => () => { view.onreset(); return null; } },
       },
       legend: { show: false },
-      hooks: { setSelect: [(plot) => this.select(plot)], setCursor: [() => this.read()] },
+      hooks: { setSelect: [(plot) => this.select(plot)], setCursor: [() => this.read(), (plot) => { view.at = plot.cursor.left >= 0 ? plot.posToVal(plot.cursor.left, "x") : null; }] },
     }, [[], ...this.names.map(() => [])], this.holder);
   }
 
@@ -151,9 +166,15 @@ export class Strip {
     if (shown === this.shown && Math.abs(now - this.now) < step) return;
     Object.assign(this, { shown, now, end });
     const of = (columns) => this.names.map((name) => columns[name] ?? []);
-    const gap = Math.max(4 * step, 4 / (rate || 10), .02);
+    const gap = gapOf(step, rate);
     const [ends, ...values] = thinned(times, of(low), of(high), step, [now + from, now + to], gap);
     this.plot.setData([ends.map((time) => time - now), ...values]);
+    this.read();
+  }
+
+  /** Reads the values at the time under a pointer elsewhere. */
+  point() {
+    this.plot.setCursor({ left: view.at === null ? -10 : this.plot.valToPos(view.at, "x"), top: 0 }, false, false);
     this.read();
   }
 

@@ -1,8 +1,10 @@
 // Controls of the finger and of a playback: buttons, settings, fields, recording.
-import { made, number, state, write } from "./store.js";
+import { age, made, number, stale, state, write } from "./store.js";
 
 const $ = (id) => document.getElementById(id);
-let ask, dragging = false;
+/** Silence after which a finger counts as gone without a message, in seconds: a short stall disables nothing. */
+const GONE = 2;
+let ask, dragging = false, unreachable = "";
 
 /** Shows the outcome of an order. */
 export function say({ done, failed }) {
@@ -58,6 +60,20 @@ function fieldBox(name) {
   box.onchange = () => ask("fields", { list: [...$("fields").querySelectorAll(":checked")].map((one) => one.value).join() });
   label.append(box, ` ${name}`);
   return label;
+}
+
+/** Disables what a finger must answer while it is gone, and says why; does nothing without a change. */
+export function reachable() {
+  const trouble = $("trouble").textContent;
+  const gone = stale() && (trouble || age() > GONE);
+  const why = gone ? `The finger does not answer: ${trouble || "no frame comes"}` : "";
+  if (why === unreachable) return;
+  unreachable = why;
+  for (const control of $("live-controls").querySelectorAll("button, input, select")) {
+    control.dataset.title ??= control.title;
+    control.disabled = Boolean(why);
+    control.title = why || control.dataset.title;
+  }
 }
 
 /** Formats a count of bytes. */

@@ -1,6 +1,6 @@
 // Page of one finger: shows the server's messages and sends the user's commands.
 import { Strip, view } from "./charts.js";
-import { choices, connectControls, progress, say, settings, trouble } from "./controls.js";
+import { choices, connectControls, progress, reachable, say, settings, trouble } from "./controls.js";
 import { Finger, Sensor } from "./finger.js";
 import { Raw } from "./raw.js";
 import { large, values } from "./readout.js";
@@ -66,7 +66,7 @@ function charts(names) {
     const found = pick.filter((name) => names.includes(name));
     if (found.length) groups.push([title, unit(found[0]), found, labels.filter((_, i) => names.includes(pick[i]))]);
   };
-  if (!bare) group("Force", ["fx_n", "fy_n", "fz_n"], ["x", "y", "z into skin"]);
+  if (!bare) group("Force", ["f_n", "fx_n", "fy_n", "fz_n"], ["|F|", "x", "y", "z into skin"]);
   if (!bare || judgesContact()) group("Contact point", ["x_mm", "y_mm"], ["x", "y"]);
   if (bare) return groups;
   group("Slip margin", ["slip_margin"], ["1 unloaded, 0 slides"]);
@@ -148,7 +148,7 @@ function draw(now) {
     large(force, point);
     values(force, point);
     status();
-    if (!$("raw-panel").hidden && $("raw-panel").open) raw.draw(state, latest);
+    if (!$("raw-panel").hidden && $("raw-panel").open) raw.draw(view.paused ?? state, latest, state.rate);
   }
   const end = view.paused ? "paused" : stale() ? "last" : "now";
   strips.forEach((strip) => strip.draw(view.paused ?? state, end, state.rate));
@@ -179,6 +179,7 @@ function vitals() {
   const [ppm] = state.clock ?? [null];
   $("clock").title = number(ppm) ? `it runs ${Math.round(ppm)} parts per million faster than this machine's` : "how fast it runs is known after ten seconds";
   progress();
+  reachable();
 }
 
 // —— the charts' view ——
@@ -210,6 +211,10 @@ view.onzoom = (ends) => {
   shownView();
 };
 view.onreset = () => { view.zoom = null; shownView(); };
+view.onpoint = () => {
+  strips.forEach((strip) => strip.point());
+  wanted = true;
+};
 $("pause").onclick = () => pause(!view.paused);
 $("window").onchange = () => {
   view.length = Math.min(LONGEST, Number($("window").value));
@@ -242,9 +247,10 @@ matchMedia("(prefers-color-scheme: dark)").onchange = () => {
 setInterval(() => { wanted = wanted || stale(); }, 250);
 
 spectrum = new Spectrum($("spectrum"), $("peak"));
-raw = new Raw($("raw"));
+raw = new Raw($("raw"), $("raw-when"));
 /** State for the tests and for scripts in the browser's console. */
 window.taxel = state;
+state.spectrumChart = spectrum;
 state.paused = () => view.paused;
 fetch("fingers").then((answer) => answer.json()).then((names) => {
   connect(choosable(names));

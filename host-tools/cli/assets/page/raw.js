@@ -1,13 +1,13 @@
 // Raw codes of every channel as small strips in the taxels' places: the first light of a new finger.
-import { paint } from "./charts.js";
+import { gapOf, paint, thinned, view } from "./charts.js";
 import { made, number, write } from "./store.js";
 
-/** Time span of a strip, in seconds. */
-const SPAN = 10;
 /** Smallest height of a strip as a share of full scale, so that noise looks small. */
 const LEAST = .01;
 /** Change that counts as a response, as a share of full scale. */
 const MOVED = .005;
+/** Shortest drag that zooms, in pixels. */
+const DRAG = 5;
 
 /** Groups of channels: title, and names row by row; the taxels lie as on the picture of the finger. */
 function groups(names, taxels) {
@@ -21,9 +21,23 @@ function groups(names, taxels) {
 }
 
 export class Raw {
-  constructor(holder) {
-    this.holder = holder;
-    this.cells = [];
+  /** Strips in `holder`; the time under the pointer is told in `when`. */
+  constructor(holder, when) {
+    Object.assign(this, { holder, when, cells: [], from: null });
+    const point = (at) => { view.at = at; view.onpoint(); };
+    const time = ({ target, offsetX }) => {
+      const [from, to] = view.range();
+      return target.tagName === "CANVAS" ? from + offsetX / target.clientWidth * (to - from) : null;
+    };
+    holder.onpointermove = (event) => point(time(event));
+    holder.onpointerleave = () => { this.from = null; point(null); };
+    holder.onpointerdown = (event) => { this.from = time(event) === null ? null : { at: time(event), x: event.clientX }; };
+    holder.onpointerup = (event) => {
+      const [begun, to] = [this.from, time(event)];
+      this.from = null;
+      if (begun && to !== null && Math.abs(event.clientX - begun.x) >= DRAG) view.onzoom([begun.at, to].sort((a, b) => a - b));
+    };
+    holder.ondblclick = () => view.onreset();
   }
 
   /** Makes a strip for each code in the stream. */
@@ -51,51 +65,59 @@ export class Raw {
   }
 
   theme() {
-    this.stroke = paint("--z");
+    [this.stroke, this.ink] = [paint("--z"), paint("--quiet")];
   }
 
-  /** Draws all strips from the ticks, and the latest codes. */
-  draw({ times, low, high }, latest) {
-    const end = times.at(-1) ?? 0;
-    let from = times.length;
-    while (from > 0 && times[from - 1] > end - SPAN) from--;
+  /** Draws the charts' window of all strips, with the latest codes or those under the pointer. */
+  draw(ticks, latest, rate) {
+    const at = view.at === null ? "" : `at ${view.at.toFixed(3)} s`.replace("-", "−");
+    write(this.when, at);
     for (const { name, cell, canvas, value } of this.cells) {
       // A channel that the finger lacks has no code.
       const code = latest(name);
       if (cell.hidden !== !number(code)) cell.hidden = !number(code);
       if (!number(code)) continue;
-      write(value, String(code));
-      const [least, most] = this.strip(canvas, times, low[name], high[name], from, end);
-      cell.classList.toggle("moved", most - least > MOVED * this.full);
+      const { ends, pointed } = this.strip(canvas, ticks.times, ticks.low[name] ?? [], ticks.high[name] ?? [], rate);
+      write(value, at ? [...new Set(pointed)].join(" … ") || "–" : String(code));
+      cell.classList.toggle("moved", ends[1] - ends[0] > MOVED * this.full);
     }
     for (const group of this.holder.children) group.hidden = [...group.querySelectorAll(".cell")].every((cell) => cell.hidden);
   }
 
-  strip(canvas, times, low, high, from, end) {
+  /** Draws one strip; returns its lowest and highest code, and those under the pointer. */
+  strip(canvas, times, low, high, rate) {
     const scale = devicePixelRatio;
     const [wide, tall] = [Math.round(canvas.clientWidth * scale), Math.round(canvas.clientHeight * scale)];
     if (canvas.width !== wide || canvas.height !== tall) Object.assign(canvas, { width: wide, height: tall });
-    let [least, most] = [Infinity, -Infinity];
-    for (let i = from; i < times.length; i++) {
-      if (low[i] !== null && low[i] < least) least = low[i];
-      if (high[i] !== null && high[i] > most) most = high[i];
-    }
     const pen = canvas.getContext("2d");
     pen.clearRect(0, 0, wide, tall);
-    if (most < least) return [0, 0];
-    const span = Math.max(most - least, LEAST * this.full);
-    const floor = (most + least - span) / 2;
-    const y = (code) => tall - 1 - (code - floor) / span * (tall - 2);
+    const [from, to] = view.range();
+    const step = (to - from) / Math.max(1, wide);
+    const now = times.at(-1) ?? 0;
+    const [moments, codes] = thinned(times, [low], [high], step, [now + from, now + to], gapOf(step, rate));
+    const within = codes.filter((code, i) => code !== null && moments[i] >= now + from && moments[i] <= now + to);
+    if (!within.length) return { ends: [0, 0], pointed: [] };
+    const ends = [within.reduce((a, b) => Math.min(a, b)), within.reduce((a, b) => Math.max(a, b))];
+    const span = Math.max(ends[1] - ends[0], LEAST * this.full);
+    const floor = (ends[1] + ends[0] - span) / 2;
+    const x = (time) => (time - now - from) / step;
     pen.strokeStyle = this.stroke;
     pen.lineWidth = scale;
     pen.beginPath();
-    for (let i = from; i < times.length; i++) {
-      if (low[i] === null) continue;
-      const x = (1 - (end - times[i]) / SPAN) * wide;
-      pen.lineTo(x, y(low[i]));
-      pen.lineTo(x, y(high[i]));
-    }
+    codes.forEach((code, i) => {
+      const y = tall - 1 - (code - floor) / span * (tall - 2);
+      if (code === null) return;
+      if (i > 0 && codes[i - 1] !== null) pen.lineTo(x(moments[i]), y); else pen.moveTo(x(moments[i]), y);
+    });
     pen.stroke();
-    return [least, most];
+    return { ends, pointed: view.at === null ? [] : this.point(pen, moments, codes, now + view.at, step, x) };
+  }
+
+  /** Marks the time under the pointer; returns the lowest and highest code of its pixel. */
+  point(pen, moments, codes, time, step, x) {
+    pen.fillStyle = this.ink;
+    pen.fillRect(Math.round(x(time)), 0, devicePixelRatio, pen.canvas.height);
+    const near = codes.filter((code, i) => code !== null && Math.abs(moments[i] - time) <= step);
+    return near.length ? [near.reduce((a, b) => Math.min(a, b)), near.reduce((a, b) => Math.max(a, b))] : [];
   }
 }

@@ -8,7 +8,7 @@ const $ = (id) => document.getElementById(id);
 function deviation(sigmas, digits, unit) {
   if (sigmas.every(number)) return `± ${sigmas.map((sigma) => fixed(sigma, digits)).join(", ± ")} ${unit}`;
   const why = sigmas.find((sigma) => typeof sigma === "string");
-  if (why === "no contact") return "";
+  if (why === "no contact") return "no contact, so 0 without ±";
   return why === undefined ? "± needs the field “uncertainty”" : `± unknown: ${why}`;
 }
 

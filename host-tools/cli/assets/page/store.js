@@ -88,7 +88,7 @@ const UNITS = { n: "N", mm: "mm", nmm: "N·mm" };
 export const unit = (name) => UNITS[/_([a-z]+)$/.exec(name)?.[1]] ?? (/^(lit|dark|bridge|aux)_/.test(name) ? "codes" : /^(c_r|s\d_u)/.test(name) ? "of full scale" : "");
 
 const WORDS = {
-  fx_n: "force x", fy_n: "force y", fz_n: "force z", x_mm: "contact x", y_mm: "contact y", torsion_nmm: "torsion",
+  fx_n: "force x", fy_n: "force y", fz_n: "force z", f_n: "force |F|", x_mm: "contact x", y_mm: "contact y", torsion_nmm: "torsion",
   slip_margin: "slip margin", grip_n: "grip wanted", aux_vref: "reference", aux_temp: "thermometer",
 };
 /** Name of a column in words. */

@@ -6,6 +6,8 @@ mod chromium;
 mod foreign;
 mod instrument;
 mod playback;
+mod raw;
+mod spectrum;
 mod stream;
 
 use std::path::Path;
@@ -47,7 +49,7 @@ fn show(port: &Port, folder: &Path) -> Server {
 fn page_renders_every_state_and_phone_width() {
     let folder = tempfile::tempdir().unwrap();
     for (scene, name, until) in [
-        ("idle", "view-idle", "taxel.times.length > 300"),
+        ("idle", "view-idle", "taxel.times.length > 1200 && taxel.spectrumShown?.lines"),
         (
             "shear",
             "view-press",
@@ -249,6 +251,7 @@ fn page_reconnects_and_restores_settings() {
     };
     let finger = again();
     browser.wait_for("!taxel.trouble && taxel.times.length > 5");
+    assert_eq!(browser.value("document.getElementById('bias').disabled"), false);
     browser.value("(document.getElementById('rate-input').value = 500, document.querySelector('#rate-form button').click())");
     browser.wait_for("Math.abs(taxel.rate - 500) < 10");
     browser.value("(document.getElementById('filter').value = 50, document.getElementById('filter').onchange())");
@@ -266,6 +269,7 @@ fn page_reconnects_and_restores_settings() {
         soonest = soonest.min(back.elapsed());
         browser.wait_for("Math.abs(taxel.rate - 500) < 10");
         browser.wait_for("taxel.facts.filter_hz === 50");
+        browser.wait_for("!document.getElementById('bias').disabled");
         if soonest < Duration::from_secs(2) {
             break;
         }

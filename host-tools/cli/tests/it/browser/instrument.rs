@@ -1,12 +1,11 @@
 //! Tests of the page as an instrument: stale numbers, pause, zoom, values, raw codes, status.
 
-use serde_json::Value;
 use taxel_cli::VirtualFinger;
 
 use super::*;
 
 /// Opens the page of a scene's finger.
-fn page(scene: &str) -> (VirtualFinger, Server, Browser, tempfile::TempDir) {
+pub fn page(scene: &str) -> (VirtualFinger, Server, Browser, tempfile::TempDir) {
     let folder = tempfile::tempdir().unwrap();
     let finger = finger(scene);
     let server = show(finger.port(), folder.path());
@@ -15,7 +14,7 @@ fn page(scene: &str) -> (VirtualFinger, Server, Browser, tempfile::TempDir) {
 }
 
 /// Centre of an element, in pixels.
-fn centre(browser: &mut Browser, selector: &str, share: f64) -> (f64, f64) {
+pub fn centre(browser: &mut Browser, selector: &str, share: f64) -> (f64, f64) {
     let place = browser.value(&format!(
         "(box => [box.left + {share} * box.width, box.top + box.height / 2])
             (document.querySelector('{selector}').getBoundingClientRect())"
@@ -45,6 +44,16 @@ fn lost_finger_greys_numbers_and_tells_age() {
     let grey = "getComputedStyle(document.getElementById('big-normal')).filter";
     assert_eq!(browser.value(grey), "grayscale(1)");
     browser.wait_for("taxel.strips[0].end === 'last'");
+    for button in ["bias", "clear-bias", "self-test", "record"] {
+        let state = browser.value(&format!(
+            "(button => [button.disabled, button.title])(document.getElementById('{button}'))"
+        ));
+        assert_eq!(state[0], true, "{button} can be pressed without a finger");
+        let why = state[1].as_str().unwrap();
+        assert!(why.starts_with("The finger does not answer: tcp:"), "{button}: {why}");
+    }
+    browser.key("r");
+    assert_eq!(browser.text("said"), "", "a key reaches the finger that is gone");
     // The age grows also when the whole program has ended.
     drop(_server);
     browser.wait_for("/^as of [4-9] s ago/.test(document.getElementById('as-of').innerText)");
@@ -86,7 +95,7 @@ fn pointer_reads_values_and_dragging_zooms() {
         browser.wait_for("document.querySelector('.when').innerText.startsWith('at −')");
         let shown = browser.value(
             "(heading => ({ when: heading.querySelector('.when').innerText,
-                force: heading.querySelectorAll('.key b')[2].innerText }))
+                force: heading.querySelectorAll('.key b')[3].innerText }))
                 (document.querySelector('.chart h3'))",
         );
         let text = |name: &str| shown[name].as_str().unwrap().replace('−', "-");
@@ -158,36 +167,6 @@ fn charts_show_the_chosen_window() {
 }
 
 #[test]
-fn uncalibrated_finger_shows_raw_codes() {
-    let folder = tempfile::tempdir().unwrap();
-    let finger = VirtualFinger::on_tcp("127.0.0.1:0", source("press"), None).unwrap();
-    let server = show(finger.port(), folder.path());
-    let mut browser = Browser::open(&server.url(), 1280, 900);
-    browser.wait_for("document.querySelectorAll('#raw .moved').length >= 16");
-    assert_eq!(browser.value("document.getElementById('raw-panel').open"), true);
-    let cells = "document.querySelector('#raw .group').querySelectorAll('.cell').length";
-    assert_eq!(browser.value(cells), 16);
-    assert!(!browser.text("strips").contains("Force"), "an empty chart of newtons");
-    assert!(browser.text("verdict").starts_with("Contact is not known"));
-    // The code shown is one of the finger's last second; its tick may not have ended yet.
-    browser.value(
-        "void (window.shown = { code: Number(document.querySelector('#raw [data-name=lit_r1c1] b').innerText),
-            at: taxel.times.at(-1) })",
-    );
-    browser.wait_for("taxel.times.at(-1) > shown.at + 0.2");
-    let code = browser.value(
-        "[shown.code, Math.min(...taxel.low.lit_r1c1.slice(-300)), Math.max(...taxel.high.lit_r1c1.slice(-300))]",
-    );
-    let [code, low, high] = [0, 1, 2].map(|i| code[i].as_f64().unwrap());
-    assert!((low..=high).contains(&code), "{code} of {low} to {high}");
-    let ink = "(canvas => canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data.some((v) => v))
-        (document.querySelector('#raw [data-name=lit_r1c1] canvas'))";
-    assert_eq!(browser.value(ink), true, "an empty strip");
-    browser.picture("view-raw");
-    assert!(browser.text("flags").contains("Uncalibrated"));
-}
-
-#[test]
 fn status_never_contradicts_itself() {
     let (_finger, _server, mut browser, _folder) = page("tour");
     browser.wait_for("taxel.times.length > 60");
@@ -240,19 +219,44 @@ fn self_test_is_a_picture_with_the_dead_taxel() {
 }
 
 #[test]
-fn spectrum_names_a_vibration_and_no_noise() {
+fn force_at_rest_tells_its_deviation_or_why_none() {
     let (_finger, _server, mut browser, _folder) = page("idle");
-    let found = browser.value(
-        "import('/spectrum.js').then(({ peak }) => {
-            const step = .5, noise = () => .001 * Math.hypot(...[0, 0].map(() => Math.sqrt(-2 * Math.log(1 - Math.random())) * Math.cos(2 * Math.PI * Math.random())));
-            const slope = Array.from({ length: 1024 }, (_, i) => .5 / (1 + i * i) + noise());
-            const sine = slope.map((line, i) => line + (.05 * { 249: .5, 250: 1, 251: .5 }[i] || 0));
-            return [peak(step, sine), Array.from({ length: 200 }, () => peak(step, slope.map((line) => line * 0 + noise()))).filter(Boolean).length, peak(step, slope)]; })",
+    browser.wait_for("document.getElementById('verdict').innerText.includes('Nothing touches')");
+    let sigma = "document.querySelector('#big-normal .sigma').innerText";
+    browser.wait_for(&format!("{sigma} === 'no contact, so 0 without ±'"));
+    // A finger that sends a deviation at rest.
+    let told = browser.value(
+        "import('/readout.js').then(({ large }) => {
+            for (const axis of 'xyz') taxel.latest[taxel.at[`f${axis}_sigma_n`]] = .004;
+            large([0, 0, 0], ['no contact', 'no contact']);
+            return document.querySelector('#big-normal .sigma').innerText; })",
     );
-    assert_eq!(found[0]["hz"], 125.0);
-    assert!((found[0]["amplitude"].as_f64().unwrap() - 0.05).abs() < 0.01);
-    assert_eq!(found[1], 0, "peaks in noise alone");
-    assert_eq!(found[2], Value::Null, "the slope of a load is no peak");
+    assert_eq!(told, "± 0.004 N");
+}
+
+#[test]
+fn length_of_force_is_drawn_and_fits_a_phone() {
+    let (_finger, _server, mut browser, _folder) = page("shear");
+    browser.wait_for("taxel.latest[taxel.at.fx_n] > .3");
+    browser.redrawn(10);
+    let drawn = browser.value(
+        "(({ names, plot }) => ['f_n', 'fx_n', 'fy_n', 'fz_n']
+            .map((name) => plot.data[names.indexOf(name) + 1].at(-1)))(taxel.strips[0])",
+    );
+    let [all, x, y, z] = [0, 1, 2, 3].map(|i| drawn[i].as_f64().unwrap());
+    assert!(x > 0.25 && (all - x.hypot(y).hypot(z)).abs() < 0.02, "{drawn}");
+    browser.resize(390, 844);
+    browser.redrawn(10);
+    browser.wait_for("/^[0-9.]+$/.test(document.querySelector('#big-force output').innerText)");
+    // Everything of the heading and of the numbers lies within the page, and above the chart.
+    let outside = browser.value(
+        "[...document.querySelectorAll('.big output, .big .unit, .chart .key')].filter((one) => {
+            const box = one.getBoundingClientRect(), holder = one.closest('h3')?.getBoundingClientRect();
+            return !box.width || box.right > innerWidth || holder && box.bottom > holder.bottom + 1;
+        }).map((one) => one.textContent)",
+    );
+    assert_eq!(outside, serde_json::json!([]));
+    assert!(browser.text("strips").contains("|F|"));
 }
 
 /// Draws a fall of force: its line must not be double.

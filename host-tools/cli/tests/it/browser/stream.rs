@@ -133,6 +133,38 @@ fn page_shows_stream_values_and_every_peak() {
     assert!(least < 16.7, "{least} ms");
 }
 
+#[test]
+fn reloaded_page_shows_the_last_two_minutes() {
+    let folder = tempfile::tempdir().unwrap();
+    let finger = finger("press");
+    let client = Arc::new(Client::open(finger.port()).unwrap());
+    client.set_fields(Fields::ESTIMATES | Fields::SIGNALS).unwrap();
+    let steady = Arc::new(ReconnectingClient::of(Arc::clone(&client)));
+    let (feed, tap) = Feed::tapped(&steady, folder.path().to_owned()).unwrap();
+    client.stream(true).unwrap();
+    let mut received = client.next(Duration::from_secs(5)).unwrap().unwrap();
+    // Frames of 140 s at 1 kHz, faster than the finger sends them.
+    for _ in 0..140_000 {
+        received.frame.seq = received.frame.seq.wrapping_add(1);
+        received.frame.time.0 += 1000;
+        tap.take(&received);
+    }
+    let server = serve(vec![feed]);
+    let mut browser = Browser::blank(1280, 900);
+    for opening in ["opened", "reloaded"] {
+        browser.leave();
+        browser.show(&server.url());
+        browser.wait_for("taxel.strips?.length");
+        browser.value(
+            "(list => { list.value = '120'; list.onchange(); })(document.getElementById('window'))",
+        );
+        browser.wait_for("taxel.strips[0].plot.data[0][0] < -119");
+        // The line has no gap where the kept ticks are coarser.
+        let gaps = "taxel.strips[0].plot.data[1].filter((force) => force === null).length";
+        assert_eq!(browser.value(gaps), 0, "{opening}");
+    }
+}
+
 /// Measures the rate of drawing: nine tenths of an empty browser's 60 Hz. The empty browser is
 /// measured just before and after. This bound holds on an idle machine: the round counts only if
 /// others took less than a quarter of a processor. On every machine, 60 drawings with all their
