@@ -105,8 +105,8 @@ pub fn run(args: Args) -> anyhow::Result<()> {
         report_written(&args.out, "simulator")?;
     }
     if wanted(Chart::Throughput) {
-        let stages = with_progress(&interrupt, throughput::measure)?;
-        throughput::write(&stages, &args.out)?;
+        let measured = with_progress(&interrupt, throughput::measure)?;
+        throughput::write(&measured, &args.out)?;
         report_written(&args.out, "throughput")?;
     }
     Ok(())

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use taxel_research::detection;
 use taxel_research::failures::{self, Of};
+use taxel_research::throughput::FLOORS;
 
 const PAGE: &str = include_str!("../../../../docs/accuracy.md");
 const EMULATOR: &str = include_str!("../../../../docs/emulator.md");
@@ -13,7 +14,12 @@ const COSTS: &str = include_str!("../../../emulator/data/cycles.csv");
 const DETECTION: &str = include_str!("../../data/detection.csv");
 const EDGE: &str = include_str!("../../../../docs/images/edge.csv");
 const PEERS: &str = include_str!("../../../../docs/images/peers.csv");
+const SEEK: &str = include_str!("../../../../docs/images/seek.csv");
 const THROUGHPUT: &str = include_str!("../../../../docs/images/throughput.csv");
+
+/// Stages that are also measured by other means.
+const PLAINLY: [&str; 3] =
+    ["read a trace (CSV)", "write frames (CSV)", "replay a trace into frames (CSV)"];
 
 fn rows(table: &str) -> Vec<HashMap<String, String>> {
     csv::Reader::from_reader(table.as_bytes()).deserialize().map(Result::unwrap).collect()
@@ -227,12 +233,50 @@ fn net_ratios_quote_peers_csv() {
     assert!(EMULATOR.contains(&line), "docs/emulator.md lacks, with today's figures: {line}");
 }
 
+/// Microseconds per frame of a stage.
+fn us_per_frame(stage: &str) -> f64 {
+    let table = rows(THROUGHPUT);
+    let row = table.iter().find(|row| row["stage"] == stage);
+    number(row.unwrap_or_else(|| panic!("throughput.csv: no stage `{stage}`")), "us_per_frame")
+}
+
 #[test]
 fn host_throughput_quotes_throughput_csv() {
-    let lines: Vec<String> = rows(THROUGHPUT)
+    let plain =
+        |stage: &str| us_per_frame(&format!("{stage} by csv and the standard library's numbers"));
+    let mut lines = Vec::new();
+    for row in rows(THROUGHPUT).iter().filter(|row| !row["stage"].contains(" by csv and ")) {
+        let (stage, us) = (&row["stage"], number(row, "us_per_frame"));
+        let other = match PLAINLY.contains(&stage.as_str()) {
+            true => format!("{:.1} µs | {:.1}", plain(stage), plain(stage) / us),
+            false => "| ".to_owned(),
+        };
+        lines.push(format!("| {stage} | {us:.1} µs | {other} |"));
+    }
+    for (stage, floor) in FLOORS {
+        let thousands = floor / 1e3;
+        lines.push(format!("{stage}: {thousands:.0} 000 a second"));
+        let found = 1e6 / us_per_frame(stage);
+        assert!(found >= floor, "throughput.csv: {stage}: {found:.0} a second, at least {floor}");
+    }
+    assert_page_has(&lines);
+}
+
+#[test]
+fn seeking_quotes_seek_csv() {
+    let lines: Vec<String> = rows(SEEK)
         .iter()
-        .map(|row| format!("| {} | {:.1} µs |", row["stage"], number(row, "us_per_frame")))
+        .map(|row| {
+            let [whole, index] = ["whole_ms", "index_ms"].map(|column| number(row, column));
+            format!(
+                "| {} | {:.1} s | {index:.0} ms | {:.0} |",
+                row["format"],
+                whole / 1e3,
+                whole / index
+            )
+        })
         .collect();
+    assert_eq!(lines.len(), 2, "MCAP and Parquet have an index: {lines:?}");
     assert_page_has(&lines);
 }
 

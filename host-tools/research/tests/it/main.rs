@@ -2,3 +2,4 @@
 
 mod accuracy_page;
 mod baseline;
+mod throughput;

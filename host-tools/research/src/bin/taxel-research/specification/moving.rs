@@ -68,7 +68,7 @@ pub(super) fn judged(calibration: &str, folder: &Path) -> Result<Vec<Verdict>> {
         put(&format!("{name}, slip warnings"), 0.0, begins(&rows, Status::SLIP_WARNING) as f64);
         let (sound, second) = rows.split_at(rows.len() / 2);
         put(&format!("{name}, share of sound frames with a fault"), 0.0, faulty(sound));
-        let silent = fault.map(|flag| second.iter().filter(|row| !row.flags.contains(flag)));
+        let silent = fault.map(|flag| second.iter().filter(move |row| !row.flags.contains(flag)));
         if let Some(silent) = silent {
             put(&format!("{name}, faulty frames without the flag"), 0.0, silent.count() as f64);
         }
