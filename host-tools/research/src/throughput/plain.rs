@@ -13,7 +13,7 @@ use taxel::units::{Code, FullScale, Micros};
 pub(super) struct PlainReader {
     rows: csv::Reader<BufReader<File>>,
     full_scale: FullScale,
-    /// Positions of the time and of the codes, in the order of [`Self::scan`].
+    /// Positions of the time and of the codes, in the order of [`Self::taken`].
     columns: Vec<usize>,
     record: StringRecord,
     numbers: Vec<f64>,
@@ -46,10 +46,10 @@ impl PlainReader {
             // An unknown truth is an empty cell.
             self.numbers.push(if cell.is_empty() { f64::NAN } else { cell.parse()? });
         }
-        self.scan().context("a row is too short").map(Some)
+        self.taken().context("a row is too short").map(Some)
     }
 
-    fn scan(&self) -> Option<Scan> {
+    fn taken(&self) -> Option<Scan> {
         let mut numbers = self.columns.iter().map(|at| self.numbers.get(*at).copied());
         let time = Micros(numbers.next()?? as u64);
         let mut code = || Some(Code(numbers.next()?? as u16));
