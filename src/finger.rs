@@ -397,6 +397,8 @@ impl Finger {
         let stuck = state.stuck.update(&scan.codes, flooded, &state.bias, &mut signals.health);
         if scan.lost > 0 {
             state.jumps.interrupt();
+        }
+        if scan.lost > 0 || state.grip.slides() {
             state.noise.interrupt();
         }
         state.jumps.update(&scan.codes, signals, &state.bias, state.gate.contact());

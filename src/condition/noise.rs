@@ -64,7 +64,8 @@ impl NoiseWatch {
         self.noisy
     }
 
-    /// Restarts the window after lost scans, because the step over the gap may be movement.
+    /// Restarts the window after lost scans, because the step over the gap may be movement, and
+    /// while the finger slides, which shakes every sensor.
     pub fn interrupt(&mut self) {
         *self = Self { sensor: self.sensor, noisy: self.noisy, ..Self::default() };
     }

@@ -33,6 +33,8 @@ pub(super) struct GripState {
     judged: Micros,
     /// Time of the last estimate that learned from the matrix.
     learned: Micros,
+    /// Whether the last estimate found gross slip.
+    slides: bool,
 }
 
 /// Inputs of the slip estimator for one scan.
@@ -74,8 +76,14 @@ impl GripState {
         now.since(self.learned) >= LEARN_US
     }
 
+    /// Returns whether the last estimate found gross slip, which shakes every sensor.
+    pub(super) fn slides(&self) -> bool {
+        self.slides
+    }
+
     /// Resets slip and gross slip when contact ends.
     pub(super) fn release(&mut self) {
+        self.slides = false;
         self.slip.release();
         self.slide = GrossSlipDetector::default();
     }
@@ -94,6 +102,7 @@ impl Grip<'_> {
         if self.optical.ring.is_some() {
             state.learned = self.time;
         }
+        state.slides = false;
         let [x, y, z] = self.fused.force;
         let (x, y, z) = (x?, y?, z?);
         let torsion = self.torsion.map_or(0.0, |torsion| torsion.0);
@@ -120,7 +129,8 @@ impl Grip<'_> {
         }
         status.insert(Status::RAN_SLIP);
         let verdict = slip.judge(&mut state.slip, &traction, elapsed)?;
-        if traction.slides || traction.rubs {
+        state.slides = traction.slides || traction.rubs;
+        if state.slides {
             status.insert(Status::SLIDES);
         }
         if slip.warns(&mut state.slip, &verdict) {
@@ -194,7 +204,8 @@ mod tests {
             };
             let (mut state, mut status) = (GripState::default(), Status::default());
             grip.judge(Some(&record), &Slip::usual(0.8), &mut state, &mut status).unwrap();
-            status.contains(Status::SLIDES)
+            assert_eq!(status.contains(Status::SLIDES), state.slides());
+            state.slides()
         };
         assert!(!slides(0.04, 0.0));
         assert!(slides(-0.06, 0.0));

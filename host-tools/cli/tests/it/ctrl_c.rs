@@ -51,9 +51,19 @@ impl End {
     }
 }
 
+/// Command that ends with its test, which may fail before its Ctrl-C.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
 /// Command on a terminal of its own.
 struct OnTerminal {
-    child: Child,
+    child: Running,
     keyboard: File,
     said: Receiver<Vec<u8>>,
 }
@@ -65,7 +75,7 @@ impl OnTerminal {
         command.args(["--ctty", env!("CARGO_BIN_EXE_taxel")]).args(args).current_dir(folder);
         command.stdin(terminal.slave.try_clone().unwrap());
         command.stdout(terminal.slave.try_clone().unwrap());
-        let child = command.stderr(terminal.slave).spawn().unwrap();
+        let child = Running(command.stderr(terminal.slave).spawn().unwrap());
         let keyboard = File::from(terminal.master);
         let mut screen = keyboard.try_clone().unwrap();
         let (say, said) = channel();
@@ -83,7 +93,7 @@ impl OnTerminal {
 
     /// Waits until the command has said something, or has run for a while.
     fn under_way(&mut self) -> Vec<u8> {
-        let program = format!("/proc/{}/exe", self.child.id());
+        let program = format!("/proc/{}/exe", self.child.0.id());
         let own = Path::new(env!("CARGO_BIN_EXE_taxel")).canonicalize().unwrap();
         // Until then it is `setsid`, whose terminal may not be its own yet.
         until("the command", || {
@@ -109,12 +119,12 @@ impl OnTerminal {
         self.keyboard.write_all(b"\x03").unwrap();
         until("the end", || {
             if pressed.elapsed() > PATIENCE {
-                self.child.kill().unwrap();
+                self.child.0.kill().unwrap();
             }
-            self.child.try_wait().unwrap().is_some()
+            self.child.0.try_wait().unwrap().is_some()
         });
         let took = pressed.elapsed();
-        let status = self.child.wait().unwrap();
+        let status = self.child.0.wait().unwrap();
         drop(self.keyboard);
         said.extend(self.said.iter().flatten());
         (status, took, String::from_utf8_lossy(&said).into_owned())
