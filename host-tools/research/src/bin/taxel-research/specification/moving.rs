@@ -17,6 +17,8 @@ const LATE: f64 = 0.05;
 const FALSE: f64 = 1.0;
 const TEN_MINUTES_S: f64 = 600.0;
 
+/// Time in seconds of the last sound scan of a recording of faults.
+const FAULT_S: f64 = 2.0;
 /// A recording of faults: the frames' flag of each.
 const FAULTS: [(&str, Option<Status>); 4] = [
     ("d21_fault_taxel", Some(Status::DEAD_TAXEL)),
@@ -66,7 +68,7 @@ pub(super) fn judged(calibration: &str, folder: &Path) -> Result<Vec<Verdict>> {
         let rows = replayed(calibration, folder, name)?;
         put(&format!("{name}, slides"), 0.0, begins(&rows, Status::SLIDES) as f64);
         put(&format!("{name}, slip warnings"), 0.0, begins(&rows, Status::SLIP_WARNING) as f64);
-        let (sound, second) = rows.split_at(rows.len() / 2);
+        let (sound, second) = rows.split_at(rows.partition_point(|row| row.s <= FAULT_S));
         put(&format!("{name}, share of sound frames with a fault"), 0.0, faulty(sound));
         let silent = fault.map(|flag| second.iter().filter(move |row| !row.flags.contains(flag)));
         if let Some(silent) = silent {
