@@ -1,7 +1,7 @@
 //! Lines of a CSV file with the line numbers that an editor shows.
 //!
-//! The CSV library splits each line; one splitter serves all lines, because to make one takes
-//! longer than to split a line. This module finds the lines, because the library does not count
+//! The CSV library splits each line with quotes or blanks; one splitter serves all lines, because
+//! to make one takes longer than to split a line. This module finds the lines, because the library does not count
 //! blank lines and knows no comments with a meaning.
 
 use std::io::BufRead;
@@ -137,6 +137,15 @@ impl Splitter {
     }
 
     fn split(&mut self, text: &str, record: &mut StringRecord) {
+        if is_plain(text) {
+            record.clear();
+            let mut start = 0;
+            for end in memchr::memchr_iter(b',', text.as_bytes()).chain([text.len()]) {
+                record.push_field(text.get(start..end).unwrap_or_default());
+                start = end + 1;
+            }
+            return;
+        }
         // No field is longer than its text; the splitter wants a byte more than it writes.
         self.fields.resize(text.len() + 1, 0);
         self.ends.resize(text.len() + 1, 0);
@@ -158,6 +167,13 @@ impl Splitter {
             start = *end;
         }
     }
+}
+
+/// Returns whether a line's fields are what stands between its commas: it has no quotes, and no
+/// blanks to trim. Most lines are; the library takes longer for them than all else that is read.
+fn is_plain(text: &str) -> bool {
+    // Without an early end, several bytes are compared at once.
+    text.bytes().fold(true, |plain, byte| plain & byte.is_ascii_graphic() & (byte != b'"'))
 }
 
 #[cfg(test)]

@@ -160,6 +160,10 @@ pub fn task(test: &Test, steps: &mut Steps) -> Result<()> {
     )?;
     if profile == Profile::Nightly && part == Part::All {
         steps.take("figures of the reference finger", || pages::task(&Pages::CHECK_ALL))?;
+        steps.take("speed of files, in an optimised build", || {
+            run(on_host(&["test", "--release", "--package", "taxel-research", "--test", "it"])
+                .arg("throughput::"))
+        })?;
         steps.take("fuzzing", || fuzz::all(FUZZ_SECONDS))?;
     }
     Ok(())
