@@ -39,7 +39,7 @@ use absent as parquet;
 pub use header::Header;
 pub use scans::Scans;
 #[cfg(feature = "recording")]
-pub use scene::Contact;
+pub use scene::{Contact, contact_frame};
 
 /// Extension of a recording whose format the user did not choose.
 pub const EXTENSION: &str = if cfg!(feature = "recording") { "mcap" } else { "csv" };

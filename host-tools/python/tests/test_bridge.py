@@ -204,7 +204,7 @@ def test_commands_of_the_manual_work(command: str, tmp_path: Path):
     words = line.replace("--foxglove", "--foxglove 127.0.0.1:0").split()[1:]
     ran = subprocess.run([command, *words], cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert ran.returncode == 0, ran.stderr
-    assert "topics /taxel/tour, /taxel/tour/scene and /taxel/tour/log" in ran.stderr
+    assert "topic /taxel/tour, and below it /scene, /log, /contact, /tf" in ran.stderr
     ros = lines("docs/ros2.md")
     assert ros
     for line in ros:

@@ -21,7 +21,9 @@ from xml.etree import ElementTree
 import numpy as np
 from fingers import CALIBRATION, ROOT, replayed, rows
 from foxglove import layouts
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from test_recordings import official
@@ -152,16 +154,40 @@ def test_scene_draws_pad_taxels_and_force(command: str, tmp_path: Path):
         bridge(command, [f"file:{trace}"], "--calibration", str(CALIBRATION)) as (_, url),
         open_viewer(url) as viewer,
     ):
-        offered = channels(viewer, {"/taxel/trace", "/taxel/trace/scene"})
+        wanted = {"/taxel/trace", "/taxel/trace/scene", "/taxel/trace/contact", "/taxel/trace/tf"}
+        offered = channels(viewer, wanted)
         channel, frames = offered["/taxel/trace/scene"], offered["/taxel/trace"]
+        contact, tf = offered["/taxel/trace/contact"], offered["/taxel/trace/tf"]
+        assert official(message_class(contact).DESCRIPTOR, PoseInFrame.DESCRIPTOR) >= 6
+        assert official(message_class(tf).DESCRIPTOR, FrameTransform.DESCRIPTOR) >= 6
         assert (channel["encoding"], channel["schemaName"]) == ("protobuf", "foxglove.SceneUpdate")
         assert official(message_class(channel).DESCRIPTOR, SceneUpdate.DESCRIPTOR) >= 6
         frame = message_class(frames)
-        by_time, arrows, bare = {}, 0, 0
-        for of, nanos, payload in messages(viewer, {1: channel["id"], 2: frames["id"]}):
+        by_time, arrows, bare, last, posed, framed = {}, 0, 0, None, 0, 0
+        ids = {1: channel["id"], 2: frames["id"], 3: contact["id"], 4: tf["id"]}
+        for of, nanos, payload in messages(viewer, ids):
             if of == 2:
                 by_time[nanos] = frame.FromString(payload)
                 continue
+            if of == 3:
+                pose = PoseInFrame.FromString(payload)
+                assert (pose.frame_id, pose.timestamp.ToNanoseconds()) == ("trace", nanos)
+                if nanos in by_time:
+                    place = 1e-3 * np.array([by_time[nanos].x_mm, by_time[nanos].y_mm, 0])
+                    at = pose.pose.position
+                    assert np.allclose([at.x, at.y, at.z], place, atol=1e-9)
+                    # The scene of the same frame came before it.
+                    if last is not None:
+                        assert pose.pose.orientation == last.pose.orientation
+                    posed += 1
+                continue
+            if of == 4:
+                transform = FrameTransform.FromString(payload)
+                names = (transform.parent_frame_id, transform.child_frame_id)
+                assert names == ("trace", "trace_contact")
+                framed += 1
+                continue
+            last = None
             (entity,) = SceneUpdate.FromString(payload).entities
             assert (entity.frame_id, entity.id) == ("trace", "finger")
             assert entity.timestamp.ToNanoseconds() == nanos
@@ -177,6 +203,7 @@ def test_scene_draws_pad_taxels_and_force(command: str, tmp_path: Path):
                 bare += 1
                 continue
             (arrow,) = entity.arrows
+            last = arrow
             force = np.array([float(row[name]) for name in ("fx_n", "fy_n", "fz_n")])
             length = arrow.shaft_length + arrow.head_length
             assert np.isclose(length, 0.01 * np.linalg.norm(force), rtol=1e-4)
@@ -189,6 +216,7 @@ def test_scene_draws_pad_taxels_and_force(command: str, tmp_path: Path):
             assert np.allclose(tail + length * np.array(along), tip, atol=1e-6)
             arrows += 1
             if arrows > 30 and bare > 5:
+                assert posed >= arrows - 1 and framed >= arrows - 1
                 return
 
 

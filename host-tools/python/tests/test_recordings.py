@@ -9,7 +9,9 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from fingers import rows
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.descriptor_pb2 import DescriptorProto
 from mcap.reader import make_reader
@@ -47,8 +49,13 @@ def test_mcap_is_whole_and_describes_itself(folder: Path):
             schemas[channel.topic] = schema.name
             if channel.topic == FRAMES:
                 assert summary.statistics.channel_message_counts[id_] == SECONDS * 1000
-        scene, log = "foxglove.SceneUpdate", "foxglove.Log"
-        assert schemas == {FRAMES: "taxel.Frame", f"{FRAMES}/scene": scene, f"{FRAMES}/log": log}
+        assert schemas == {
+            FRAMES: "taxel.Frame",
+            f"{FRAMES}/scene": "foxglove.SceneUpdate",
+            f"{FRAMES}/log": "foxglove.Log",
+            f"{FRAMES}/contact": "foxglove.PoseInFrame",
+            f"{FRAMES}/tf": "foxglove.FrameTransform",
+        }
         # Both ends of the file hold them, so that one damaged place loses neither.
         attachment, again = reader.iter_attachments()
         assert attachment.name == "calibration.toml" and b"taxel_calibration" in attachment.data
@@ -155,7 +162,7 @@ def official(descriptor: Any, theirs: Any) -> int:
     return compared
 
 
-def test_mcap_has_scene_and_log_in_foxglove_schemas(command: str, tmp_path: Path):
+def test_mcap_has_scene_log_and_contact_in_foxglove_schemas(command: str, tmp_path: Path):
     """Foxglove's own classes read what was recorded, and what was exported from a table."""
     record = [command, "record", "--port", "sim:fault", "--fields", "all", "--duration", "3"]
     files = ["--out", "a.mcap", "--out", "a.parquet", "--out", "a.csv"]
@@ -166,7 +173,7 @@ def test_mcap_has_scene_and_log_in_foxglove_schemas(command: str, tmp_path: Path
     for row in rows(tmp_path / "a.csv"):
         by_time.setdefault(int(row["host_us"]), row)
     for name in ("a.mcap", "b.mcap"):
-        scenes, logs, arrows, fields = [], [], 0, set()
+        scenes, logs, arrows, fields, places = [], [], 0, set(), set()
         with (tmp_path / name).open("rb") as file:
             reader = make_reader(file, decoder_factories=[DecoderFactory()])
             for _, channel, message, decoded in reader.iter_decoded_messages():
@@ -174,6 +181,21 @@ def test_mcap_has_scene_and_log_in_foxglove_schemas(command: str, tmp_path: Path
                 if end == "/log":
                     logs.append(Log.FromString(message.data))
                     fields.add(official(decoded.DESCRIPTOR, Log.DESCRIPTOR))
+                if end in ("/contact", "/tf"):
+                    row = by_time[message.log_time // 1000]
+                    place = (float(row["x_mm"]), float(row["y_mm"]), 0.0)
+                    if end == "/contact":
+                        contact = PoseInFrame.FromString(message.data)
+                        found, frame = contact.pose.position, contact.frame_id
+                        fields.add(official(decoded.DESCRIPTOR, PoseInFrame.DESCRIPTOR))
+                    else:
+                        tf = FrameTransform.FromString(message.data)
+                        found, frame = tf.translation, tf.parent_frame_id
+                        assert (tf.child_frame_id, tf.rotation.w) == ("fault_contact", 1)
+                        fields.add(official(decoded.DESCRIPTOR, FrameTransform.DESCRIPTOR))
+                    assert np.allclose((found.x, found.y, found.z), 1e-3 * np.array(place), atol=1e-9)
+                    assert frame == "fault"
+                    places.add(end)
                 if end != "/scene":
                     continue
                 scenes.append(message.log_time)
@@ -191,6 +213,6 @@ def test_mcap_has_scene_and_log_in_foxglove_schemas(command: str, tmp_path: Path
         # 60 scenes a second, from frames a millisecond apart.
         steps = np.diff(scenes)
         assert 150 < len(scenes) < 190 and steps.min() >= 16_666_000, (len(scenes), steps.min())
-        assert arrows > 10 and len(fields) == 2 and min(fields) >= 6
+        assert arrows > 10 and len(fields) >= 3 and min(fields) >= 6 and len(places) == 2
         faults = [line for line in logs if line.message.startswith("dead-taxel: ")]
         assert faults and all(line.level == Log.Level.ERROR for line in faults)

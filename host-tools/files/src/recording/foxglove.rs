@@ -1,4 +1,4 @@
-//! Finger in Foxglove's own schemas, in MCAP files and live: `SceneUpdate` and `Log`.
+//! Finger in Foxglove's own schemas, in MCAP files and live: its scene, log and contact.
 //!
 //! A schema has the fields that are written, by their official numbers. The Python client's tests
 //! compare them with Foxglove's.
@@ -11,16 +11,22 @@ use prost_types::{
 };
 use taxel::frame::Frame;
 
-use super::scene::{Arrow, Flags, Line, Plate, arrow, plates};
+use super::scene::{Arrow, Contact, Flags, Line, Plate, arrow, contact_frame, plates};
 
-/// Interval of scenes in nanoseconds: 60 a second.
+/// Interval of what is drawn, in nanoseconds: 60 a second.
 const DRAW: u64 = 16_666_000;
 
 /// Topics of a finger besides that of its frames: ends of their names, and names of their schemas.
-pub const TOPICS: [(&str, &str); 2] =
-    [("/scene", "foxglove.SceneUpdate"), ("/log", "foxglove.Log")];
+pub const TOPICS: [(&str, &str); 4] = [
+    ("/scene", "foxglove.SceneUpdate"),
+    ("/log", "foxglove.Log"),
+    ("/contact", "foxglove.PoseInFrame"),
+    ("/tf", "foxglove.FrameTransform"),
+];
 const SCENE: usize = 0;
 const LOG: usize = 1;
+const CONTACT: usize = 2;
+const TF: usize = 3;
 
 /// Encoder of a stream of frames for [`TOPICS`].
 pub struct Standard {
@@ -42,7 +48,7 @@ impl Standard {
     /// Gives `put` the messages of a frame, each with the position of its topic in [`TOPICS`].
     ///
     /// `nanos` is the frame's time in nanoseconds since 1970. A line of the log is a flag that was
-    /// raised.
+    /// raised. A contact with a place has a pose, with the x axis along its force, and a frame.
     ///
     /// # Errors
     /// The first error of `put`.
@@ -59,11 +65,35 @@ impl Standard {
         }
         if self.drawn.is_none_or(|drawn| nanos.abs_diff(drawn) >= DRAW) {
             self.drawn = Some(nanos);
+            let arrow = arrow(frame);
             self.message.clear();
-            self.scene(&plates(frame), arrow(frame), nanos).encode_raw(&mut self.message);
+            self.scene(&plates(frame), arrow, nanos).encode_raw(&mut self.message);
             put(SCENE, &self.message)?;
+            let Some(contact) = Contact::of(frame) else { return Ok(()) };
+            let ([x, y], turn) = (contact.point, arrow.map_or(NO_TURN, |arrow| arrow.turn));
+            self.message.clear();
+            self.contact([x, y, 0.0], turn, nanos).encode_raw(&mut self.message);
+            put(CONTACT, &self.message)?;
+            self.message.clear();
+            self.frame([x, y, 0.0], nanos).encode_raw(&mut self.message);
+            put(TF, &self.message)?;
         }
         Ok(())
+    }
+
+    fn contact(&self, place: [f64; 3], turn: [f64; 4], nanos: u64) -> PoseInFrame {
+        let frame_id = self.serial.clone();
+        PoseInFrame { timestamp: Some(stamp(nanos)), frame_id, pose: pose(place, turn) }
+    }
+
+    fn frame(&self, place: [f64; 3], nanos: u64) -> FrameTransform {
+        FrameTransform {
+            timestamp: Some(stamp(nanos)),
+            parent_frame_id: self.serial.clone(),
+            child_frame_id: contact_frame(&self.serial),
+            translation: three(place),
+            rotation: four(NO_TURN),
+        }
     }
 
     /// Draws the finger; what was drawn before disappears.
@@ -92,15 +122,18 @@ impl Standard {
 /// Encodes the schema of a topic of [`TOPICS`]: a serialised `FileDescriptorSet`.
 #[must_use]
 pub fn descriptor(topic: usize) -> Vec<u8> {
-    let (messages, enums): (Vec<_>, _) = match topic {
-        SCENE => (SCENE_MESSAGES.iter().map(message).collect(), Vec::new()),
-        _ => (vec![message(&LOG_MESSAGE)], LEVELS.to_vec()),
+    let enums = if topic == LOG { LEVELS.to_vec() } else { Vec::new() };
+    let messages: &[Described<'_>] = match topic {
+        SCENE => &[SCENE_UPDATE, ENTITY, ARROW, CUBE, POSE, VECTOR, QUATERNION, COLOUR],
+        CONTACT => &[POSE_IN_FRAME, POSE, VECTOR, QUATERNION],
+        TF => &[FRAME_TRANSFORM, VECTOR, QUATERNION],
+        _ => &[LOG_MESSAGE],
     };
     let mut file = FileDescriptorProto {
         name: Some(format!("{}.proto", TOPICS[topic].1.replace('.', "/"))),
         package: Some("foxglove".to_owned()),
         dependency: vec!["google/protobuf/timestamp.proto".to_owned()],
-        message_type: messages,
+        message_type: messages.iter().map(message).collect(),
         syntax: Some("proto3".to_owned()),
         ..Default::default()
     };
@@ -144,49 +177,72 @@ enum Is {
 /// Name of a message, and names, numbers and types of its fields.
 type Described<'d> = (&'d str, &'d [(&'d str, i32, Is)]);
 
-const SCENE_MESSAGES: [Described<'_>; 8] = [
-    ("SceneUpdate", &[("entities", 2, Is::Many("SceneEntity"))]),
-    (
-        "SceneEntity",
-        &[
-            ("timestamp", 1, Is::Time),
-            ("frame_id", 2, Is::Text),
-            ("id", 3, Is::Text),
-            ("frame_locked", 5, Is::Flag),
-            ("arrows", 7, Is::Many("ArrowPrimitive")),
-            ("cubes", 8, Is::Many("CubePrimitive")),
-        ],
-    ),
-    (
-        "ArrowPrimitive",
-        &[
-            ("pose", 1, Is::One("Pose")),
-            ("shaft_length", 2, Is::Double),
-            ("shaft_diameter", 3, Is::Double),
-            ("head_length", 4, Is::Double),
-            ("head_diameter", 5, Is::Double),
-            ("color", 6, Is::One("Color")),
-        ],
-    ),
-    (
-        "CubePrimitive",
-        &[
-            ("pose", 1, Is::One("Pose")),
-            ("size", 2, Is::One("Vector3")),
-            ("color", 3, Is::One("Color")),
-        ],
-    ),
-    ("Pose", &[("position", 1, Is::One("Vector3")), ("orientation", 2, Is::One("Quaternion"))]),
-    ("Vector3", &[("x", 1, Is::Double), ("y", 2, Is::Double), ("z", 3, Is::Double)]),
-    (
-        "Quaternion",
-        &[("x", 1, Is::Double), ("y", 2, Is::Double), ("z", 3, Is::Double), ("w", 4, Is::Double)],
-    ),
-    (
-        "Color",
-        &[("r", 1, Is::Double), ("g", 2, Is::Double), ("b", 3, Is::Double), ("a", 4, Is::Double)],
-    ),
-];
+const SCENE_UPDATE: Described<'_> = ("SceneUpdate", &[("entities", 2, Is::Many("SceneEntity"))]);
+
+const ENTITY: Described<'_> = (
+    "SceneEntity",
+    &[
+        ("timestamp", 1, Is::Time),
+        ("frame_id", 2, Is::Text),
+        ("id", 3, Is::Text),
+        ("frame_locked", 5, Is::Flag),
+        ("arrows", 7, Is::Many("ArrowPrimitive")),
+        ("cubes", 8, Is::Many("CubePrimitive")),
+    ],
+);
+
+const ARROW: Described<'_> = (
+    "ArrowPrimitive",
+    &[
+        ("pose", 1, Is::One("Pose")),
+        ("shaft_length", 2, Is::Double),
+        ("shaft_diameter", 3, Is::Double),
+        ("head_length", 4, Is::Double),
+        ("head_diameter", 5, Is::Double),
+        ("color", 6, Is::One("Color")),
+    ],
+);
+
+const CUBE: Described<'_> = (
+    "CubePrimitive",
+    &[
+        ("pose", 1, Is::One("Pose")),
+        ("size", 2, Is::One("Vector3")),
+        ("color", 3, Is::One("Color")),
+    ],
+);
+
+const POSE: Described<'_> =
+    ("Pose", &[("position", 1, Is::One("Vector3")), ("orientation", 2, Is::One("Quaternion"))]);
+
+const VECTOR: Described<'_> =
+    ("Vector3", &[("x", 1, Is::Double), ("y", 2, Is::Double), ("z", 3, Is::Double)]);
+
+const QUATERNION: Described<'_> = (
+    "Quaternion",
+    &[("x", 1, Is::Double), ("y", 2, Is::Double), ("z", 3, Is::Double), ("w", 4, Is::Double)],
+);
+
+const COLOUR: Described<'_> = (
+    "Color",
+    &[("r", 1, Is::Double), ("g", 2, Is::Double), ("b", 3, Is::Double), ("a", 4, Is::Double)],
+);
+
+const POSE_IN_FRAME: Described<'_> = (
+    "PoseInFrame",
+    &[("timestamp", 1, Is::Time), ("frame_id", 2, Is::Text), ("pose", 3, Is::One("Pose"))],
+);
+
+const FRAME_TRANSFORM: Described<'_> = (
+    "FrameTransform",
+    &[
+        ("timestamp", 1, Is::Time),
+        ("parent_frame_id", 2, Is::Text),
+        ("child_frame_id", 3, Is::Text),
+        ("translation", 4, Is::One("Vector3")),
+        ("rotation", 5, Is::One("Quaternion")),
+    ],
+);
 
 const LOG_MESSAGE: Described<'_> = (
     "Log",
@@ -237,6 +293,33 @@ fn message((name, fields): &Described<'_>) -> DescriptorProto {
         field: fields.iter().map(field).collect(),
         ..Default::default()
     }
+}
+
+/// Turn of what is not turned.
+const NO_TURN: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
+
+#[derive(Message)]
+struct PoseInFrame {
+    #[prost(message, optional, tag = "1")]
+    timestamp: Option<Timestamp>,
+    #[prost(string, tag = "2")]
+    frame_id: String,
+    #[prost(message, optional, tag = "3")]
+    pose: Option<Pose>,
+}
+
+#[derive(Message)]
+struct FrameTransform {
+    #[prost(message, optional, tag = "1")]
+    timestamp: Option<Timestamp>,
+    #[prost(string, tag = "2")]
+    parent_frame_id: String,
+    #[prost(string, tag = "3")]
+    child_frame_id: String,
+    #[prost(message, optional, tag = "4")]
+    translation: Option<Three>,
+    #[prost(message, optional, tag = "5")]
+    rotation: Option<Four>,
 }
 
 #[derive(Message)]
@@ -350,7 +433,7 @@ fn pose(place: [f64; 3], turn: [f64; 4]) -> Option<Pose> {
 
 fn cube(plate: &Plate) -> CubePrimitive {
     CubePrimitive {
-        pose: pose(plate.middle, [0.0, 0.0, 0.0, 1.0]),
+        pose: pose(plate.middle, NO_TURN),
         size: three(plate.size),
         color: four(plate.colour),
     }

@@ -42,7 +42,7 @@ pub(crate) struct Writer {
     mcap: mcap::Writer<BufWriter<File>>,
     channel: Channel,
     /// Channels of [`TOPICS`], their encoder and its columns; `None` for rows that are no frames.
-    standard: Option<([Channel; TOPICS.len()], Standard, scene::Columns)>,
+    standard: Option<(Vec<Channel>, Standard, scene::Columns)>,
     /// Position of a row's time and its unit in nanoseconds: host time, else device time.
     time: Option<usize>,
     message: Vec<u8>,
@@ -100,11 +100,10 @@ impl Writer {
         let standard = match scene::Columns::of(columns) {
             None => None,
             Some(drawn) => {
-                let [scene, log] = std::array::from_fn(|at| {
-                    let (end, name) = TOPICS[at];
+                let channels = TOPICS.iter().enumerate().map(|(at, (end, name))| {
                     channel(&format!("{topic}{end}"), name, &foxglove::descriptor(at))
                 });
-                let channels = [scene.map_err(failed)?, log.map_err(failed)?];
+                let channels = channels.collect::<Result<_, _>>().map_err(failed)?;
                 Some((channels, Standard::new(serial), drawn))
             }
         };

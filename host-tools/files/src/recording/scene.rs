@@ -55,6 +55,12 @@ impl Contact {
     }
 }
 
+/// Returns the name of the frame at the contact point of a finger.
+#[must_use]
+pub fn contact_frame(finger: &str) -> String {
+    format!("{finger}_contact")
+}
+
 /// Columns of a recording that a scene and a log are made of.
 pub(crate) struct Columns {
     time: usize,

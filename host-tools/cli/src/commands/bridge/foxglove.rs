@@ -82,7 +82,8 @@ impl Outlet for Topics {
             open(&format!("{topic}{end}"), name, foxglove::descriptor(at))
         });
         let standards = standards.collect::<anyhow::Result<_>>()?;
-        output::note(format_args!("{port}: topics {topic}, {topic}/scene and {topic}/log"));
+        let ends = TOPICS.map(|(end, _)| end).join(", ");
+        output::note(format_args!("{port}: topic {topic}, and below it {ends}"));
         self.channel = Some(Channel {
             topic: channel,
             standard: Standard::new(serial),

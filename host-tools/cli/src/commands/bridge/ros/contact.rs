@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use serde::Serialize;
-use taxel_files::recording::Contact;
+use taxel_files::recording::{Contact, contact_frame};
 
 use super::super::tool::Tool;
 use super::{Header, Point, Quaternion, Time, Type, Vector3, cdr, header};
@@ -162,11 +162,6 @@ pub fn tf(
     };
     let transforms: Vec<_> = contact.into_iter().chain(tool).map(child).collect();
     (!transforms.is_empty()).then(|| cdr(&TfMessage { transforms }))
-}
-
-/// Returns the name of the frame at the contact point.
-pub fn contact_frame(name: &str) -> String {
-    format!("{name}_contact")
 }
 
 /// Returns the name of the tool's frame.
