@@ -102,6 +102,18 @@ impl OnTerminal {
         self.said.recv_timeout(UNDER_WAY).unwrap_or_default()
     }
 
+    /// Waits until the command handles Ctrl-C, which would otherwise end it at once.
+    fn handles_ctrl_c(&self) {
+        const SIGINT: u64 = 1 << 1;
+        let status = format!("/proc/{}/status", self.child.0.id());
+        until("the handler of Ctrl-C", || {
+            let status = std::fs::read_to_string(&status).unwrap_or_default();
+            let caught = status.lines().find_map(|line| line.strip_prefix("SigCgt:"));
+            let caught = caught.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
+            caught.is_none_or(|mask| mask & SIGINT != 0)
+        });
+    }
+
     /// Waits until the command has said this.
     fn until(&mut self, words: &str) -> Vec<u8> {
         let mut said = self.under_way();
@@ -136,6 +148,9 @@ fn interrupt(folder: &Path, line: &str, end: End) -> String {
     let args: Vec<&str> = line.split_whitespace().collect();
     let mut command = OnTerminal::start(folder, &args);
     let said = command.under_way();
+    if end == End::Finished {
+        command.handles_ctrl_c();
+    }
     interrupted(folder, line, command, said, end)
 }
 
