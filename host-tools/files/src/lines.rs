@@ -1,8 +1,8 @@
 //! Lines of a CSV file with the line numbers that an editor shows.
 //!
 //! The CSV library splits each line with quotes or blanks; one splitter serves all lines, because
-//! to make one takes longer than to split a line. This module finds the lines, because the library does not count
-//! blank lines and knows no comments with a meaning.
+//! to make one takes longer than to split a line. This module finds the lines, because the library
+//! does not count blank lines and knows no comments with a meaning.
 
 use std::io::BufRead;
 use std::path::{Path, PathBuf};
