@@ -82,6 +82,18 @@ pub fn until(what: &str, mut came: impl FnMut() -> bool) {
     }
 }
 
+/// Command that ends with its test, which may fail before the command does.
+#[cfg(target_os = "linux")]
+pub struct Running(pub Child);
+
+#[cfg(target_os = "linux")]
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
 /// Processor time of a child, a measure of its progress independent of other load.
 #[cfg(target_os = "linux")]
 pub fn worked(child: &Child) -> Duration {

@@ -17,7 +17,7 @@ use nix::sys::signal::{Signal, kill};
 use nix::sys::stat::Mode;
 use nix::unistd::{Pid, mkfifo};
 
-use crate::common::{In, rows_so_far, until};
+use crate::common::{In, Running, rows_so_far, until};
 use taxel_files::recording::{Recording, Scans};
 
 /// Longest time from Ctrl-C to the end of a command.
@@ -48,16 +48,6 @@ impl End {
             (Some(1), _) => Some(Self::Failed),
             _ => None,
         }
-    }
-}
-
-/// Command that ends with its test, which may fail before its Ctrl-C.
-struct Running(Child);
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
     }
 }
 

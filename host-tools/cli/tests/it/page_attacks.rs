@@ -4,7 +4,7 @@
 
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::net::TcpStream;
-use std::process::{Child, Stdio};
+use std::process::Stdio;
 use std::sync::mpsc::channel;
 use std::time::{Duration, Instant};
 
@@ -12,7 +12,7 @@ use serde_json::Value;
 use tungstenite::stream::MaybeTlsStream;
 use tungstenite::{Message, WebSocket, connect};
 
-use crate::common::{In, long_form};
+use crate::common::{In, Running, long_form};
 
 /// Largest resident memory of the command, in kB.
 const MEMORY: u64 = 64 << 10;
@@ -30,7 +30,7 @@ fn scale() -> (usize, usize) {
 
 /// `taxel view` of a virtual finger.
 struct Command {
-    process: Child,
+    process: Running,
     address: String,
     _folder: tempfile::TempDir,
 }
@@ -45,7 +45,7 @@ impl Command {
         let mut url = String::new();
         BufReader::new(process.stdout.take().unwrap()).read_line(&mut url).unwrap();
         let address = url.trim().trim_start_matches("http://").trim_end_matches('/').to_owned();
-        Self { process, address, _folder: folder }
+        Self { process: Running(process), address, _folder: folder }
     }
 
     fn page(&self) -> Page {
@@ -56,7 +56,7 @@ impl Command {
     /// Largest resident memory so far, in kB.
     fn memory(&self) -> u64 {
         let status =
-            std::fs::read_to_string(format!("/proc/{}/status", self.process.id())).unwrap();
+            std::fs::read_to_string(format!("/proc/{}/status", self.process.0.id())).unwrap();
         let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
         line.trim().trim_end_matches(" kB").parse().unwrap()
     }
@@ -71,13 +71,6 @@ impl Command {
         stream.read_to_string(&mut answer).unwrap();
         assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
         begun.elapsed()
-    }
-}
-
-impl Drop for Command {
-    fn drop(&mut self) {
-        let _ = self.process.kill();
-        let _ = self.process.wait();
     }
 }
 
