@@ -284,7 +284,7 @@ impl Ladder {
     /// The error depends on the position of a load between the places of the table, so that a few
     /// probes are enough. The series takes too long for all of them.
     fn interpolation(&self, probes: &[Contacts]) -> f64 {
-        const LOOKS: usize = 32;
+        const LOOKS: usize = 8;
         if matches!(self.support, Support::HalfSpace { .. }) {
             return 0.0;
         }

@@ -43,7 +43,11 @@ pub fn shortening(strain: f64) -> f64 {
         let inverse = 1.0 / stretch;
         let (shape, law) = (stretch - inverse * inverse, 1.0 + MOONEY_RIVLIN * inverse);
         let slope = (1.0 + 2.0 * inverse.powi(3)) * law - shape * MOONEY_RIVLIN * inverse * inverse;
-        stretch -= (shape * law + pushed) / slope;
+        let next = stretch - (shape * law + pushed) / slope;
+        if next == stretch {
+            break;
+        }
+        stretch = next;
     }
     1.0 - stretch
 }

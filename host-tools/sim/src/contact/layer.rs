@@ -69,7 +69,11 @@ impl Layer {
         rule: &Rule,
         patches: impl IntoIterator<Item = &'a Patch>,
     ) -> [f64; TAXELS] {
-        gather(rule, patches, |at| self.table.read(at))
+        let mut facets = [0.0; TAXELS];
+        for patch in patches {
+            self.table.add(&mut facets, rule, patch);
+        }
+        facets
     }
 
     /// Mean displacement of each facet in mm, positive down, from the series.
@@ -128,8 +132,7 @@ impl Series {
             let mut both = [[0.0; EACH]; 2];
             let [real, imaginary] = &mut both;
             let places = real.chunks_exact_mut(3).zip(imaginary.chunks_exact_mut(3));
-            for (pushed, (real, imaginary)) in places.enumerate() {
-                let face = windows.upper_face(pushed, k);
+            for ((real, imaginary), face) in places.zip(windows.upper_face(k)) {
                 for ((real, imaginary), [re, im]) in real.iter_mut().zip(imaginary).zip(face) {
                     (*real, *imaginary) = (re * twice, im * twice);
                 }
@@ -182,8 +185,8 @@ impl Series {
 struct Table {
     spacing: f64,
     along: usize,
-    /// Row after row, x fastest.
-    places: Vec<Response>,
+    /// Row after row, x fastest: for each direction of a force, the facets.
+    places: Vec<[[f64; TAXELS]; 3]>,
 }
 
 impl Table {
@@ -191,42 +194,90 @@ impl Table {
         let along = (series.period() / thickness * PER_THICKNESS).ceil() as usize;
         let spacing = series.period() / along as f64;
         let columns: Vec<_> = (0..along).map(|i| series.column(i as f64 * spacing)).collect();
-        let places = (0..along)
-            .flat_map(|j| columns.iter().map(move |column| series.sum(column, j as f64 * spacing)));
+        let places = (0..along).flat_map(|j| {
+            columns.iter().map(move |column| by_direction(&series.sum(column, j as f64 * spacing)))
+        });
         Self { spacing, along, places: places.collect() }
     }
 
-    /// Interpolates by Lagrange's cubic through the four nearest grid points in each direction.
-    fn read(&self, [x, y]: [f64; 2]) -> Response {
-        let split = |at: f64| {
-            let at = at / self.spacing;
-            let t = at - at.floor();
-            let weights = [
-                -t * (t - 1.0) * (t - 2.0) / 6.0,
-                (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0,
-                -(t + 1.0) * t * (t - 2.0) / 2.0,
-                (t + 1.0) * t * (t - 1.0) / 6.0,
-            ];
-            let first = at.floor() as i64 - 1;
-            let place = |i: i64| (first + i).rem_euclid(self.along as i64) as usize;
-            [
-                (place(0), weights[0]),
-                (place(1), weights[1]),
-                (place(2), weights[2]),
-                (place(3), weights[3]),
-            ]
+    /// Adds the displacement of the facets under one patch.
+    ///
+    /// The shares of the point loads are first spread over the grid points around them, with the
+    /// weights of Lagrange's cubic through the four nearest in each direction. Loads of one patch
+    /// have most of their grid points in common, and each of these is read once.
+    fn add(&self, facets: &mut [f64; TAXELS], rule: &Rule, patch: &Patch) {
+        // Grid points along one axis: the first, and how many.
+        let range = |centre: f64, [along, across]: [f64; 2]| {
+            // A hair more than the patch, for rounding.
+            let reach = (along.abs() + across.abs()) * (1.0 + 1e-9);
+            let ((low, _), (high, _)) = (self.split(centre - reach), self.split(centre + reach));
+            (low, (high - low) as usize + 4)
         };
-        let (columns, rows) = (split(x), split(y));
-        let mut sum = [0.0; EACH];
-        for (j, along_y) in rows {
-            for (i, along_x) in columns {
-                let Some(place) = self.places.get(j * self.along + i) else { continue };
-                let weight = along_x * along_y;
-                sum.iter_mut().zip(place).for_each(|(sum, u)| *sum += weight * u);
+        let ([cx, cy], [ux, uy], [vx, vy]) = (patch.centre, patch.along, patch.across);
+        let ((left, width), (low, height)) = (range(cx, [ux, vx]), range(cy, [uy, vy]));
+        // Torsion also takes the shares times the offsets from the centre.
+        let spin = patch.spin(rule);
+        let mut planes = vec![vec![0.0; width * height]; if spin == 0.0 { 1 } else { 3 }];
+        for ([x, y], share) in patch.places(rule) {
+            let ((column, along_x), (row, along_y)) = (self.split(cx + x), self.split(cy + y));
+            let first = (row - low) as usize * width + (column - left) as usize;
+            for (plane, factor) in planes.iter_mut().zip([share, share * x, share * y]) {
+                let rows = plane.get_mut(first..).into_iter().flat_map(|p| p.chunks_mut(width));
+                for (row, along_y) in rows.zip(along_y) {
+                    let Some(row) = row.first_chunk_mut::<4>() else { continue };
+                    let weight = factor * along_y;
+                    *row = core::array::from_fn(|i| row[i] + weight * along_x[i]);
+                }
             }
         }
-        sum
+        let wrapped = |at: i64| at.rem_euclid(self.along as i64) as usize;
+        let [qx, qy, p] = patch.force;
+        let mut cells = planes.iter().map(|plane| plane.iter().copied());
+        let [mut shares, mut along, mut across] =
+            [(); 3].map(|()| cells.next().into_iter().flatten());
+        for y in low..low + height as i64 {
+            let (row, mut column) = (wrapped(y) * self.along, wrapped(left));
+            for share in shares.by_ref().take(width) {
+                let [along, across] = [&mut along, &mut across].map(|p| p.next().unwrap_or(0.0));
+                let force = [qx * share - spin * across, qy * share + spin * along, p * share];
+                let place = self.places.get(row + column);
+                for (f, of_facets) in force.iter().zip(place.into_iter().flatten()) {
+                    if *f != 0.0 {
+                        *facets = core::array::from_fn(|i| facets[i] + f * of_facets[i]);
+                    }
+                }
+                column = if column + 1 == self.along { 0 } else { column + 1 };
+            }
+        }
     }
+
+    /// First of the four grid points nearest to `at` along one axis, and Lagrange's weights of all.
+    fn split(&self, at: f64) -> (i64, [f64; 4]) {
+        let at = at / self.spacing;
+        let cut = at as i64;
+        let below = if cut as f64 > at { cut - 1 } else { cut };
+        let t = at - below as f64;
+        let weights = [
+            -t * (t - 1.0) * (t - 2.0) / 6.0,
+            (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0,
+            -(t + 1.0) * t * (t - 2.0) / 2.0,
+            (t + 1.0) * t * (t - 1.0) / 6.0,
+        ];
+        (below - 1, weights)
+    }
+}
+
+/// Facets of each direction, from directions of each facet.
+fn by_direction(response: &Response) -> [[f64; TAXELS]; 3] {
+    let mut places = [[0.0; TAXELS]; 3];
+    for (facet, each) in response.chunks_exact(3).enumerate() {
+        for (of_facets, u) in places.iter_mut().zip(each) {
+            if let Some(place) = of_facets.get_mut(facet) {
+                *place = *u;
+            }
+        }
+    }
+    places
 }
 
 #[cfg(test)]

@@ -147,16 +147,25 @@ impl Patch {
         Self { centre, along: [radius, 0.0], across: [0.0, radius], force, torsion: 0.0 }
     }
 
-    /// Point loads of `rule` on this patch: position in mm and force in newtons.
-    pub fn loads<'a>(&'a self, rule: &'a Rule) -> impl Iterator<Item = ([f64; 2], [f64; 3])> + 'a {
-        let ([cx, cy], [ux, uy], [vx, vy]) = (self.centre, self.along, self.across);
-        let [along, across] = rule.second;
+    /// Points of `rule` on this patch: offset from the centre in mm, and share of the force.
+    pub fn places<'a>(&self, rule: &'a Rule) -> impl Iterator<Item = ([f64; 2], f64)> + 'a {
+        let ([ux, uy], [vx, vy]) = (self.along, self.across);
+        rule.points.iter().map(move |([u, v], share)| ([u * ux + v * vx, u * uy + v * vy], *share))
+    }
+
+    /// Force across the offset from the centre, in newtons a mm, that carries the torsion.
+    #[must_use]
+    pub fn spin(&self, rule: &Rule) -> f64 {
+        let ([ux, uy], [vx, vy], [along, across]) = (self.along, self.across, rule.second);
         let second = along * (ux * ux + uy * uy) + across * (vx * vx + vy * vy);
         // A torsion without a lever arm makes no traction.
-        let spin = if second > 0.0 { self.torsion / second } else { 0.0 };
-        let [qx, qy, p] = self.force;
-        rule.points.iter().map(move |([u, v], share)| {
-            let [x, y] = [u * ux + v * vx, u * uy + v * vy];
+        if second > 0.0 { self.torsion / second } else { 0.0 }
+    }
+
+    /// Point loads of `rule` on this patch: position in mm and force in newtons.
+    pub fn loads<'a>(&'a self, rule: &'a Rule) -> impl Iterator<Item = ([f64; 2], [f64; 3])> + 'a {
+        let ([cx, cy], [qx, qy, p], spin) = (self.centre, self.force, self.spin(rule));
+        self.places(rule).map(move |([x, y], share)| {
             let force = [qx - spin * y, qy + spin * x, p].map(|f| f * share);
             ([cx + x, cy + y], force)
         })

@@ -66,17 +66,19 @@ impl Windows {
     /// The error of cutting off frequencies falls as one over their reach, so that a second
     /// solution of half the reach measures and removes it.
     pub fn new(thickness: f64, side: f64, poisson: f64, resolution: &Resolution) -> Self {
-        let near = Resolution { reach: 0.5 * resolution.reach, ..*resolution };
-        let [mut far, near] = [resolution, &near].map(|r| Self::cut(thickness, side, poisson, r));
+        let half_side = side / 2.0;
+        let both = Stiffness::new(thickness, poisson, half_side, resolution);
+        let [mut far, near] =
+            both.map(|stiffness| Self::cut(thickness, half_side, poisson, &stiffness));
         let both = far.coefficients.iter_mut().flatten().zip(near.coefficients.iter().flatten());
         both.for_each(|(far, near)| *far += *far - near);
         far
     }
 
-    /// Solves with only the frequencies within reach.
-    fn cut(thickness: f64, side: f64, poisson: f64, resolution: &Resolution) -> Self {
-        let (half_side, degrees) = (side / 2.0, resolution.degrees);
-        let mut matrix = Stiffness::new(thickness, poisson, half_side, resolution).matrix();
+    /// Solves with only the frequencies that `stiffness` sums.
+    fn cut(thickness: f64, half_side: f64, poisson: f64, stiffness: &Stiffness) -> Self {
+        let degrees = stiffness.degrees;
+        let mut matrix = stiffness.matrix();
         let each = AXES * degrees * degrees;
         // A uniform pressure of one newton does work on φ₀φ₀ along z only.
         let push = (PI / 4.0) * (PI / 4.0);
@@ -104,40 +106,69 @@ impl Windows {
         })
     }
 
-    /// Fourier coefficient (real and imaginary parts) of the *upper* face's displacement at the
-    /// frequency `k`.
+    /// Fourier coefficients (real and imaginary parts) of the *upper* face's displacement at the
+    /// frequency `k`, for each of the windows.
     ///
-    /// One newton pushes window `pushed`; the field is Σ_k u_k e^{ik·x} / period².
-    pub fn upper_face(&self, pushed: usize, k: [f64; 2]) -> [[f64; 2]; AXES] {
-        let shapes = k.map(|k| shapes(k * self.half_side, self.half_side, self.degrees));
-        let mut lower = [[0.0; 2]; AXES];
-        let Some(coefficients) = self.coefficients.get(pushed) else { return lower };
-        let of_window = coefficients.chunks_exact(AXES * self.degrees * self.degrees);
-        for (centre, of_window) in TAXEL_CENTRES.iter().zip(of_window) {
-            let turn = -(k[0] * f64::from(centre[0].0) + k[1] * f64::from(centre[1].0));
-            let of_axis = of_window.chunks_exact(self.degrees * self.degrees);
-            for (sum, of_axis) in lower.iter_mut().zip(of_axis) {
-                for (m, (row, fx)) in of_axis.chunks_exact(self.degrees).zip(&shapes[0]).enumerate()
-                {
-                    for (n, (c, fy)) in row.iter().zip(&shapes[1]).enumerate() {
-                        // (−i)^(m + n) is a number of quarter turns.
-                        let angle = turn - 0.5 * PI * (m + n) as f64;
-                        sum[0] += c * fx * fy * angle.cos();
-                        sum[1] += c * fx * fy * angle.sin();
+    /// One newton pushes that window; the field is Σ_k u_k e^{ik·x} / period².
+    pub fn upper_face(&self, k: [f64; 2]) -> impl Iterator<Item = [[f64; 2]; AXES]> {
+        let shapes = self.transforms(k);
+        let size = k[0].hypot(k[1]);
+        let rise = (size > 0.0).then(|| Rise::new(k, size, self.thickness, self.poisson));
+        self.coefficients.iter().map(move |coefficients| {
+            let mut lower = [[0.0; 2]; AXES];
+            let windows = coefficients.chunks_exact(AXES * self.degrees * self.degrees);
+            for (of_window, shapes) in windows.zip(shapes.chunks_exact(self.degrees.pow(2))) {
+                let of_axis = of_window.chunks_exact(self.degrees * self.degrees);
+                for ([real, imaginary], of_axis) in lower.iter_mut().zip(of_axis) {
+                    for (c, [re, im]) in of_axis.iter().zip(shapes) {
+                        *real += c * re;
+                        *imaginary += c * im;
                     }
                 }
             }
+            rise.as_ref().map_or(lower, |rise| rise.through(lower))
+        })
+    }
+
+    /// Transforms of φ_m(x)φ_n(y) of each window at the frequency `k`, real and imaginary parts.
+    fn transforms(&self, k: [f64; 2]) -> Vec<[f64; 2]> {
+        let [along_x, along_y] =
+            k.map(|k| shapes(k * self.half_side, self.half_side, self.degrees));
+        let mut transforms = Vec::with_capacity(TAXELS * self.degrees * self.degrees);
+        for [x, y] in TAXEL_CENTRES {
+            let turn = -(k[0] * f64::from(x.0) + k[1] * f64::from(y.0));
+            for (m, fx) in along_x.iter().enumerate() {
+                for (n, fy) in along_y.iter().enumerate() {
+                    // (−i)^(m + n) is a number of quarter turns.
+                    let (sin, cos) = (turn - 0.5 * PI * (m + n) as f64).sin_cos();
+                    transforms.push([fx * fy * cos, fx * fy * sin]);
+                }
+            }
         }
-        let size = k[0].hypot(k[1]);
-        if size == 0.0 {
-            return lower;
-        }
-        let [cx, cy] = k.map(|k| k / size);
-        let unit = [[1.0, 0.0], [0.0, 1.0]].map(|face| {
-            Wave::new(size, self.thickness, self.poisson, [0.0; 2], face).displacement(0.0)
-        });
-        let across = 1.0 / (size * self.thickness).cosh();
-        let [x, y, z] = lower;
+        transforms
+    }
+}
+
+/// What of a displacement of the lower face arrives at the upper one, at one frequency.
+struct Rise {
+    /// Direction of the wave in the plane.
+    along: [f64; 2],
+    /// Displacement of the upper face, along the wave and down, under a unit displacement of the
+    /// lower face along it, and under one down.
+    unit: [[f64; 2]; 2],
+    across: f64,
+}
+
+impl Rise {
+    fn new(k: [f64; 2], size: f64, thickness: f64, poisson: f64) -> Self {
+        let unit = [[1.0, 0.0], [0.0, 1.0]]
+            .map(|face| Wave::new(size, thickness, poisson, [0.0; 2], face).displacement(0.0));
+        Self { along: k.map(|k| k / size), unit, across: 1.0 / (size * thickness).cosh() }
+    }
+
+    /// Displacement of the upper face, real and imaginary parts, under that of the `lower` one.
+    fn through(&self, [x, y, z]: [[f64; 2]; AXES]) -> [[f64; 2]; AXES] {
+        let Self { along: [cx, cy], unit, across } = *self;
         // Along and across the wave; U = −i u along.
         let part = |i: usize| {
             let at = |v: [f64; 2]| if i == 0 { v[0] } else { v[1] };
@@ -194,16 +225,16 @@ const PAIRS: [(usize, usize, bool, bool); 6] = [
 ];
 
 impl Stiffness {
-    fn new(thickness: f64, poisson: f64, half_side: f64, resolution: &Resolution) -> Self {
+    /// Sums all frequencies within reach, and those within half of it.
+    fn new(thickness: f64, poisson: f64, half_side: f64, resolution: &Resolution) -> [Self; 2] {
         let (degrees, period) = (resolution.degrees, resolution.period(thickness));
         let step = TAU / period;
-        let count = (resolution.reach / half_side / step).ceil() as usize;
+        let [far, near] =
+            [1.0, 0.5].map(|share| (share * resolution.reach / half_side / step).ceil() as usize);
         let pitch = f64::from(taxel::scan::PITCH.0);
         let factors = degrees * degrees * APART;
-        // factors[odd][(m·degrees + m′)·APART + apart][k]: f_m f_m′ times the cosine or the sine,
-        // the part of e^{ikd} that remains where the whole is even in k.
         let shapes: Vec<Vec<f64>> =
-            (0..count).map(|i| shapes(i as f64 * step * half_side, half_side, degrees)).collect();
+            (0..far).map(|i| shapes(i as f64 * step * half_side, half_side, degrees)).collect();
         let factor = |odd: bool, at: usize, i: usize| {
             let (m, n, apart) = (at / APART / degrees, at / APART % degrees, at % APART);
             let turn = i as f64 * step * pitch * apart as f64;
@@ -214,29 +245,43 @@ impl Stiffness {
             }) * trig
                 * twice
         };
+        // lines[odd][k][(m·degrees + m′)·APART + apart]: f_m f_m′ times the cosine or the sine, the
+        // part of e^{ikd} that remains where the whole is even in k.
         let lines = [false, true].map(|odd| -> Vec<Vec<f64>> {
-            (0..factors).map(|at| (0..count).map(|i| factor(odd, at, i)).collect()).collect()
+            (0..far).map(|i| (0..factors).map(|at| factor(odd, at, i)).collect()).collect()
         });
+        let radial: Vec<Vec<Radial>> = (0..far)
+            .map(|i| (0..=i).map(|j| Radial::new([i, j], step, thickness, poisson)).collect())
+            .collect();
         let area = period.powi(2);
-        let mut sums = vec![0.0; PAIRS.len() * factors * factors];
-        for i in 0..count {
-            let row: Vec<[f64; 6]> = (0..count)
-                .map(|j| stiffness([i as f64 * step, j as f64 * step], thickness, poisson))
+        let mut sums = [(); 2].map(|()| vec![0.0; PAIRS.len() * factors * factors]);
+        for i in 0..far {
+            let row: Vec<[f64; 6]> = (0..far)
+                .map(|j| {
+                    let radial = radial.get(i.max(j)).and_then(|row| row.get(i.min(j)));
+                    let k = [i as f64 * step, j as f64 * step];
+                    radial.map_or([0.0; 6], |radial| radial.stiffness(k).map(|s| s / area))
+                })
                 .collect();
-            let of_pairs = sums.chunks_exact_mut(factors * factors);
-            for (at, ((_, _, odd_x, odd_y), sums)) in PAIRS.into_iter().zip(of_pairs).enumerate() {
-                let row: Vec<f64> = row.iter().map(|pairs| pairs[at] / area).collect();
-                let inner: Vec<f64> = lines[usize::from(odd_y)]
-                    .iter()
-                    .map(|line| line.iter().zip(&row).map(|(f, s)| f * s).sum())
-                    .collect();
-                let column = lines[usize::from(odd_x)].iter().filter_map(|line| line.get(i));
-                for (sums, x) in sums.chunks_exact_mut(factors).zip(column) {
-                    sums.iter_mut().zip(&inner).for_each(|(sum, y)| *sum += x * y);
+            for (at, (_, _, odd_x, odd_y)) in PAIRS.into_iter().enumerate() {
+                let [x, y] = [odd_x, odd_y].map(|odd| &lines[usize::from(odd)]);
+                let Some(x) = x.get(i) else { continue };
+                let mut inner = vec![0.0; factors];
+                let mut begin = 0;
+                for (reach, sums) in [near, far].into_iter().zip(&mut sums) {
+                    for (line, row) in y.iter().zip(&row).take(reach).skip(begin) {
+                        inner.iter_mut().zip(line).for_each(|(sum, f)| *sum += f * row[at]);
+                    }
+                    begin = reach;
+                    let sums = sums.chunks_exact_mut(factors).skip(at * factors);
+                    for (sums, x) in sums.zip(x).take(if i < reach { factors } else { 0 }) {
+                        sums.iter_mut().zip(&inner).for_each(|(sum, y)| *sum += x * y);
+                    }
                 }
             }
         }
-        Self { degrees, sums }
+        let [near, far] = sums.map(|sums| Self { degrees, sums });
+        [far, near]
     }
 
     /// Lower triangle of the stiffness matrix, row by row.
@@ -293,27 +338,47 @@ impl Stiffness {
     }
 }
 
-/// Stiffness of the lower face at the frequency `k` per pair of axes.
+/// Stiffness of the lower face at one wave number, whatever the wave's direction in the plane.
 ///
 /// A stiffness is the traction along the first axis for a unit displacement along the second, for a
 /// shear modulus of one. Between the plane and z, a factor i is left out.
-fn stiffness(k: [f64; 2], thickness: f64, poisson: f64) -> [f64; 6] {
-    let size = k[0].hypot(k[1]);
-    if size == 0.0 {
-        return [0.0; 6];
+#[derive(Clone, Copy, Debug, Default)]
+struct Radial {
+    size: f64,
+    along: f64,
+    across: f64,
+    mixed: f64,
+    normal: f64,
+}
+
+impl Radial {
+    fn new([i, j]: [usize; 2], step: f64, thickness: f64, poisson: f64) -> Self {
+        let size = (i as f64 * step).hypot(j as f64 * step);
+        if size == 0.0 {
+            return Self::default();
+        }
+        let lower = |face| Wave::new(size, thickness, poisson, [0.0; 2], face).traction(thickness);
+        let ([along, _], [mixed, normal]) = (lower([1.0, 0.0]), lower([0.0, 1.0]));
+        let across = size * (size * thickness).tanh();
+        Self { size, along, across, mixed, normal }
     }
-    let [cx, cy] = k.map(|k| k / size);
-    let lower = |face| Wave::new(size, thickness, poisson, [0.0; 2], face).traction(thickness);
-    let ([along, _], [mixed, normal]) = (lower([1.0, 0.0]), lower([0.0, 1.0]));
-    let across = size * (size * thickness).tanh();
-    [
-        along * cx * cx + across * cy * cy,
-        (along - across) * cx * cy,
-        mixed * cx,
-        along * cy * cy + across * cx * cx,
-        mixed * cy,
-        normal,
-    ]
+
+    /// Stiffness per pair of axes of a wave with the components `k`.
+    fn stiffness(&self, k: [f64; 2]) -> [f64; 6] {
+        let Self { size, along, across, mixed, normal } = *self;
+        if size == 0.0 {
+            return [0.0; 6];
+        }
+        let [cx, cy] = k.map(|k| k / size);
+        [
+            along * cx * cx + across * cy * cy,
+            (along - across) * cx * cy,
+            mixed * cx,
+            along * cy * cy + across * cx * cx,
+            mixed * cy,
+            normal,
+        ]
+    }
 }
 
 /// Replaces the lower triangle by its Cholesky factor.
