@@ -54,11 +54,6 @@ impl Count {
         self.stated / self.frames.max(1) as f64
     }
 
-    /// Returns the error in units of the claimed accuracy.
-    pub(crate) fn over_stated(&self) -> Option<f64> {
-        self.error().map(|error| error / self.stated().max(f64::MIN_POSITIVE))
-    }
-
     pub(crate) fn share(&self, of: usize) -> f64 {
         of as f64 / self.frames.max(1) as f64
     }
@@ -106,11 +101,6 @@ impl Point {
     /// Returns whether most of the values are flagged or missing.
     pub(crate) fn flagged(&self) -> bool {
         self.count.share(self.count.flagged) > 0.5
-    }
-
-    /// Returns whether more than [`TRUSTED`] of the values are undetected errors.
-    pub(crate) fn silent(&self) -> bool {
-        self.count.share(self.count.silent) > TRUSTED
     }
 }
 

@@ -22,6 +22,7 @@ use taxel_files::save;
 use crate::effort::{Waiting, on_all_cores};
 use crate::faults::{Fault, KINDS, Kind};
 use bench::{Bench, Has, PHASES, Phase};
+pub(crate) use judge::tells_fault;
 use judge::{Case, case};
 pub use page::section;
 pub use table::{Row, csv, parse};

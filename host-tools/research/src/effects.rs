@@ -109,7 +109,7 @@ fn moved(all: &[Estimate], less: &[Estimate]) -> f64 {
 }
 
 /// F_x, F_y, F_z, x and y.
-fn values(force: &Force, point: &Measured<ContactPoint>) -> [Option<f64>; 5] {
+pub(crate) fn values(force: &Force, point: &Measured<ContactPoint>) -> [Option<f64>; 5] {
     let [x, y, z] = [force.x, force.y, force.z].map(|f| f.ok().map(|f| f.0.into()));
     let point = point.as_ref().ok();
     [x, y, z, point.map(|p| p.x.0.into()), point.map(|p| p.y.0.into())]

@@ -18,7 +18,7 @@ use crate::device::Device;
 use crate::effort::{Effort, Waiting, on_all_cores};
 use crate::mapped::{Fingers, Said};
 use crate::methods::calibrated;
-use crate::picture::{Picture, save_page};
+use crate::picture::save_page;
 use crate::runs::Recorded;
 use crate::sweeps::{self, Sweep};
 use crate::truth::LEAST_N;
@@ -120,15 +120,6 @@ fn over(sweep: &Sweep, device: &Stated) -> anyhow::Result<Vec<Map>> {
     Ok(maps)
 }
 
-/// Name of the picture that shows a map; slip has one of its own.
-fn picture(map: &Map) -> &'static str {
-    match map.of {
-        _ if map.method.contains("slip") => "failures-slip",
-        Of::Finger => "failures",
-        Of::Matrix => "failures-matrix",
-    }
-}
-
 /// Returns the totals of the whole finger or of its matrix alone.
 #[must_use]
 pub fn totals(maps: &[Map], of: Of) -> Totals {
@@ -184,24 +175,17 @@ pub fn boundaries(maps: &[Map]) -> String {
     table
 }
 
-/// Writes tables, pictures and page into `folder`.
+/// Writes tables, picture and page into `folder`.
 ///
 /// # Errors
 /// One of them cannot be written.
 pub fn write(maps: &[Map], folder: &Path) -> anyhow::Result<()> {
     save(folder.join("failures.csv"), csv(maps))?;
     save(folder.join("boundaries.csv"), boundaries(maps))?;
-    let mut pictures: Vec<Picture> = Vec::new();
-    for name in ["failures", "failures-matrix", "failures-slip"] {
-        let shown: Vec<&Map> = maps.iter().filter(|map| picture(map) == name).collect();
-        let picture = map::draw(&shown)?;
-        picture.save(folder.join(format!("{name}.svg")))?;
-        pictures.push(picture);
-    }
-    let lead =
-        "RMS error over the stated accuracy: of the whole finger, of its matrix alone, of slip.";
-    let pictures: Vec<&Picture> = pictures.iter().collect();
-    save_page(folder.join("failures.html"), "Where each method fails", lead, &pictures)
+    let picture = map::draw(maps)?;
+    picture.save(folder.join("failures.svg"))?;
+    let lead = "The worst share of undetected errors of each method over the values of each cause.";
+    save_page(folder.join("failures.html"), "Where each method fails", lead, &[&picture])
 }
 
 #[cfg(test)]

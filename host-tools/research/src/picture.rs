@@ -5,8 +5,11 @@ use std::path::Path;
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 use taxel_files::save;
 
+/// Area of a picture in pixels.
+pub(crate) type Area<'p> = DrawingArea<SVGBackend<'p>, Shift>;
 /// Result of drawing.
 pub(crate) type Done = Result<(), Box<dyn std::error::Error>>;
 
@@ -30,7 +33,7 @@ impl Picture {
     /// Draws in memory, because a file must be written whole or not at all.
     pub(crate) fn draw(
         size: (u32, u32),
-        draw: impl FnOnce(&DrawingArea<SVGBackend<'_>, Shift>, &mut Vec<Note>) -> Done,
+        draw: impl FnOnce(&Area<'_>, &mut Vec<Note>) -> Done,
     ) -> anyhow::Result<Self> {
         let (mut svg, mut notes) = (String::new(), Vec::new());
         {
@@ -100,6 +103,23 @@ pub(crate) const COLOURS: [RGBColor; 6] = [
 pub(crate) const GREY: RGBColor = RGBColor(110, 110, 110);
 pub(crate) const FAINT: RGBColor = RGBColor(225, 225, 225);
 pub(crate) const FONT: &str = "sans-serif";
+
+/// Style of a text whose `side` is at its place, at half of its height.
+pub(crate) fn letters(side: HPos, size: i32, colour: RGBColor) -> TextStyle<'static> {
+    (FONT, size).into_font().color(&colour).pos(Pos::new(side, VPos::Center))
+}
+
+/// Writes a text in [`letters`].
+pub(crate) fn write(
+    area: &Area<'_>,
+    text: &str,
+    at: (i32, i32),
+    side: HPos,
+    size: i32,
+    colour: RGBColor,
+) -> Done {
+    Ok(area.draw(&Text::new(text.to_owned(), at, letters(side, size, colour)))?)
+}
 
 /// Formats a number of cycles for an axis: `1k`, `100k`.
 pub(crate) fn thousands(cycles: f64) -> String {

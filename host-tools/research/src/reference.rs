@@ -5,6 +5,8 @@ use std::sync::atomic::AtomicBool;
 
 use taxel::calibration::Calibration;
 use taxel::finger::{Estimate, Finger};
+use taxel::scan::Codes;
+use taxel::units::FullScale;
 use taxel_calibrate::evaluate::Only;
 use taxel_calibrate::finger::{FitOptions, fit};
 use taxel_calibrate::recording::Recording;
@@ -17,7 +19,9 @@ const CALIBRATION: [(&str, u64); 2] = [("presses", 1), ("shear", 2)];
 const WARM_UP: (&str, u64) = ("warm-up", 4);
 
 /// Scans of the unloaded finger that become its bias, as a user takes one before work.
-const BIAS: u16 = 100;
+pub(crate) const BIAS: u16 = 100;
+/// Highest code of the board: a sum of eight conversions of 12 bits.
+pub(crate) const TOP: u16 = 8 * 4095;
 
 /// Loads a built-in scene for the reference finger of this device, with changes.
 pub(crate) fn scene(name: &str, device: u64, warm: bool, set: &[String]) -> anyhow::Result<Scene> {
@@ -46,6 +50,19 @@ pub(crate) fn calibrated(
     // As the command does by default.
     let options = FitOptions { family: Family::Auto, ..FitOptions::default() };
     Ok(fit(&recordings, &options, &mut |_| {}, stop)?.calibration)
+}
+
+/// Record of a finger without force sensors.
+pub(crate) fn without_sensors(record: &Calibration) -> Calibration {
+    Calibration { array: None, sensors: Default::default(), ..record.clone() }
+}
+
+/// Codes as the board sends them.
+pub(crate) fn of_board(codes: Codes) -> Codes {
+    match FullScale::new(TOP) {
+        Some(top) => codes.rescaled(top),
+        None => codes,
+    }
 }
 
 /// Estimates of a part of the finger, which has taken its bias at the beginning.

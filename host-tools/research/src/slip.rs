@@ -1,5 +1,7 @@
 //! Slip of the reference finger: warnings in time, gross slips told, and false alarms.
 
+mod chart;
+
 use std::fmt::Write as _;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -202,6 +204,14 @@ pub fn write_table(rows: &[Slips], path: &Path) -> anyhow::Result<()> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     rows.iter().try_for_each(|row| writer.serialize(row))?;
     Ok(save(path, String::from_utf8(writer.into_inner()?)?)?)
+}
+
+/// Draws the chart `slip.svg`.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_chart(rows: &[Slips], path: &Path) -> anyhow::Result<()> {
+    chart::draw(rows)?.save(path)
 }
 
 /// Reads a table.

@@ -6,15 +6,12 @@ use taxel::calibration::Calibration;
 use taxel::finger::{Estimate, Finger, FingerState, Wanted};
 use taxel::frame::Fields;
 use taxel::scan::{Codes, SENSORS, Scan};
-use taxel::units::FullScale;
 use taxel_sim::Simulator;
 
 use super::judge::Frame;
 use crate::faults::{CHANNELS, Flat, Place, RATE_HZ, Sound, flat};
-use crate::reference::{calibrated, scene};
+use crate::reference::{TOP, calibrated, of_board, scene, without_sensors};
 
-/// Highest code of the reference finger: a sum of eight conversions of 12 bits.
-const TOP: u16 = 8 * 4095;
 /// Seed of the touches and sound scenes.
 pub(super) const SEED: u64 = 41;
 /// Touches: place in mm and force in newtons.
@@ -112,10 +109,7 @@ impl Has {
         if self == Self::Matrix {
             codes.bridges = [None; SENSORS];
         }
-        match FullScale::new(TOP) {
-            Some(top) => codes.rescaled(top),
-            None => codes,
-        }
+        of_board(codes)
     }
 }
 
@@ -171,11 +165,10 @@ impl Bench {
 
     /// Makes a finger that has these parts, and its initial state.
     pub fn finger(&self, has: Has) -> (Finger, FingerState) {
-        let mut calibration = self.calibration.clone();
-        if has == Has::Matrix {
-            (calibration.array, calibration.sensors) = (None, Default::default());
-        }
-        Finger::new(Some(calibration))
+        Finger::new(Some(match has {
+            Has::Matrix => without_sensors(&self.calibration),
+            Has::Sensors | Has::Thermometer => self.calibration.clone(),
+        }))
     }
 
     fn run(&self, has: Has, [x, y, fx, fy, fz]: [f64; 5]) -> anyhow::Result<Run> {

@@ -3,16 +3,13 @@
 //! Four panels: share of cases named in time, time to the name, share of frames that are off
 //! without a flag, and their error.
 
-use plotters::coord::Shift;
 use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::style::text_anchor::HPos;
 
 use super::bench::PHASES;
 use super::table::{Fault, LIMITS, Row, faults};
 use crate::faults::Class;
-use crate::picture::{COLOURS, Done, FAINT, FONT, GREY, Note, Picture, power_of_ten};
-
-type Area<'p> = DrawingArea<SVGBackend<'p>, Shift>;
+use crate::picture::{Area, COLOURS, Done, FAINT, GREY, Note, Picture, power_of_ten, write};
 
 const WIDTH: i32 = 980;
 /// Height of the legend, of a line and of a class's heading in pixels.
@@ -74,19 +71,6 @@ pub(super) fn draw(rows: &[Row]) -> anyhow::Result<Picture> {
         }
         axes(area, y)
     })
-}
-
-fn write(
-    area: &Area<'_>,
-    text: &str,
-    at: (i32, i32),
-    side: HPos,
-    size: i32,
-    colour: RGBColor,
-) -> Done {
-    let style = (FONT, size).into_font().color(&colour).pos(Pos::new(side, VPos::Center));
-    area.draw(&Text::new(text.to_owned(), at, style))?;
-    Ok(())
 }
 
 fn legend(area: &Area<'_>) -> Done {

@@ -16,6 +16,11 @@ pub(super) const FAULTS: [Status; 5] = [
     Status::STUCK_CHANNEL,
     Status::NOISY,
 ];
+/// Returns whether a flag reports a fault of a channel.
+pub(crate) fn tells_fault(status: Status) -> bool {
+    FAULTS.iter().any(|flag| status.contains(*flag))
+}
+
 /// Parts of a frame that are judged.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Frame {
@@ -42,7 +47,7 @@ impl Frame {
         let force = &estimate.force;
         Self {
             named: taxels | u32::from(health.bridge_faults) << TAXELS,
-            fault: FAULTS.iter().any(has),
+            fault: tells_fault(estimate.status),
             doubted: FLAGS.iter().any(has),
             too_warm: has(&Status::TEMPERATURE),
             unclipped: FAULTS.iter().skip(1).any(has),

@@ -1,8 +1,10 @@
 //! Research tasks that need data or programs from outside this repository.
 
 mod ablation;
+mod coverage;
 mod detection;
 mod effects;
+mod idle;
 mod peers;
 mod slip;
 mod specification;
@@ -28,8 +30,10 @@ enum Task {
     /// Fits and judges recordings that are not in the repository; fails where a limit is missed
     Judge(specification::Judge),
     Ablation(ablation::Ablation),
+    Coverage(coverage::Coverage),
     Detection(detection::Detection),
     Effects(effects::Effects),
+    Idle(idle::Idle),
     Slip(slip::Slip),
     /// Counts cycles of the 16-16-3 net in other libraries into host-tools/emulator/data/peers.csv
     Peers,
@@ -39,8 +43,10 @@ fn main() -> ExitCode {
     let done = match Arguments::parse().task {
         Task::Judge(judge) => specification::judge(&judge),
         Task::Ablation(arguments) => ablation::run(&arguments),
+        Task::Coverage(arguments) => coverage::run(&arguments),
         Task::Detection(arguments) => detection::run(&arguments),
         Task::Effects(arguments) => effects::run(&arguments),
+        Task::Idle(arguments) => idle::run(&arguments),
         Task::Peers => peers::count(),
         Task::Slip(arguments) => slip::run(&arguments),
     };

@@ -1,4 +1,4 @@
-//! Slip of the reference finger, into host-tools/research/data/slip.csv and docs/accuracy.md.
+//! Slip of the reference finger, into host-tools/research/data/slip.csv, its chart and its table.
 
 use std::sync::atomic::AtomicBool;
 
@@ -6,13 +6,14 @@ use anyhow::Result;
 use clap::Args;
 use taxel_research::{Waiting, slip};
 
+use crate::root;
 use crate::table::Table;
 
 /// Counts warnings and reports of slip of the reference finger, and false ones, into
-/// host-tools/research/data/slip.csv and docs/accuracy.md
+/// host-tools/research/data/slip.csv, docs/images/slip.svg and docs/accuracy.md
 #[derive(Args)]
 pub struct Slip {
-    /// Only draw the table from the CSV file that is there
+    /// Only draw chart and table from the CSV file that is there
     #[arg(long)]
     draw: bool,
 }
@@ -23,12 +24,15 @@ pub const TABLE: Table = Table {
     section: |csv| Ok(slip::section(&slip::parse(csv)?)),
 };
 
-/// Measures, unless the table is only to be drawn, and draws it.
+/// Measures, unless the table is only to be drawn, and draws chart and table.
 pub fn run(arguments: &Slip) -> Result<()> {
+    let path = TABLE.csv();
     if !arguments.draw {
         let progress = |share: f64, what: &str| eprintln!("{:3.0} %  {what}", 100.0 * share);
         let waiting = Waiting { progress: &progress, stop: &AtomicBool::new(false) };
-        slip::write_table(&slip::measure(waiting)?, &TABLE.csv())?;
+        slip::write_table(&slip::measure(waiting)?, &path)?;
     }
+    let rows = slip::parse(&std::fs::read_to_string(&path)?)?;
+    slip::write_chart(&rows, &root().join("docs/images/slip.svg"))?;
     TABLE.draw()
 }

@@ -43,11 +43,19 @@ impl Table {
 
 #[cfg(test)]
 mod tests {
-    use crate::{ablation, detection, effects, slip};
+    use crate::{ablation, coverage, detection, effects, idle, slip};
 
     #[test]
     fn pages_have_the_tables_of_the_csv_files() {
-        for table in [ablation::TABLE, detection::TABLE, effects::TABLE, slip::TABLE] {
+        let tables = [
+            ablation::TABLE,
+            coverage::TABLE,
+            detection::TABLE,
+            effects::TABLE,
+            idle::TABLE,
+            slip::TABLE,
+        ];
+        for table in tables {
             let [page, drawn] = table.drawn().unwrap();
             let (name, task) = (table.page, table.task);
             assert!(page == drawn, "{name}: draw it with `taxel-research {task} --draw`");

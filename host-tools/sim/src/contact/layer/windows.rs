@@ -149,7 +149,7 @@ impl Windows {
     }
 }
 
-/// What of a displacement of the lower face arrives at the upper one, at one frequency.
+/// Way of a displacement from the lower face to the upper one, at one frequency.
 struct Rise {
     /// Direction of the wave in the plane.
     along: [f64; 2],
