@@ -8,17 +8,14 @@ mod chart;
 mod conditions;
 
 use std::fmt::Write as _;
-use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use anyhow::Context as _;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use taxel::finger::Estimate;
 use taxel::frame::Status;
 use taxel_calibrate::evaluate::{FLAGS, Only};
-use taxel_files::save;
 use taxel_files::trace::{Sample, Truth};
 
 pub use chart::{write_coverage, write_risk};
@@ -42,9 +39,6 @@ pub(crate) const WIDTHS: [(f64, f64, f64); 3] =
     [(1.0, 68.3, 6.0), (1.96, 95.0, 3.0), (3.0, 99.7, 0.4)];
 pub(crate) const QUANTITIES: [&str; 5] = ["F_x", "F_y", "F_z", "x", "y"];
 pub(crate) const PARTS: [(Only, &str); 2] = [(Only::Matrix, "matrix"), (Only::Both, "both")];
-/// Shares of the values for which the error is listed, in per cent.
-const GIVEN: [usize; 20] =
-    [5, 10, 15, 20, 25, 30, 35, 40, 45, 50, 55, 60, 65, 70, 75, 80, 85, 90, 95, 100];
 
 /// Coverage of one quantity in one condition.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -245,7 +239,7 @@ impl Rows {
             rmse: rmse(&by_sigma, given),
             best: rmse(&by_error, given),
         };
-        GIVEN.into_iter().map(risk).collect()
+        (5..=100).step_by(5).map(risk).collect()
     }
 }
 
@@ -265,26 +259,6 @@ fn interval(counts: &[[f64; 2]]) -> [f64; 3] {
     drawn.sort_by(f64::total_cmp);
     let at = |part: usize| drawn.get(RESAMPLES * part / 1000).copied().unwrap_or_default();
     [share(counts.iter().fold([0.0; 2], sum)), at(25), at(975)]
-}
-
-/// Writes a table.
-///
-/// # Errors
-/// The file cannot be written.
-pub fn write_table<R: Serialize>(rows: &[R], path: &Path) -> anyhow::Result<()> {
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    rows.iter().try_for_each(|row| writer.serialize(row))?;
-    Ok(save(path, String::from_utf8(writer.into_inner()?)?)?)
-}
-
-/// Reads a table.
-///
-/// # Errors
-/// A line is not one that [`write_table`] writes.
-pub fn parse<R: serde::de::DeserializeOwned>(text: &str) -> anyhow::Result<Vec<R>> {
-    let mut reader = csv::Reader::from_reader(text.as_bytes());
-    let rows = reader.deserialize().enumerate();
-    rows.map(|(i, row)| row.with_context(|| format!("line {}", i + 2))).collect()
 }
 
 /// Draws the table of the page: in each condition the quantity that is worst.
@@ -317,6 +291,7 @@ pub fn section(rows: &[Covered]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::table;
 
     #[test]
     fn interval_is_wide_where_presses_differ() {
@@ -346,9 +321,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("coverage.csv");
         let row = Covered { condition: "a, b".into(), within_2: 94.5, ..Covered::default() };
-        write_table(std::slice::from_ref(&row), &path).unwrap();
+        table::write(std::slice::from_ref(&row), &path).unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
-        assert_eq!(parse::<Covered>(&text).unwrap(), [row]);
-        assert!(parse::<Risk>(&text).is_err());
+        assert_eq!(table::parse::<Covered>(&text).unwrap(), [row]);
+        assert!(table::parse::<Risk>(&text).is_err());
     }
 }

@@ -6,7 +6,7 @@
 mod codes;
 mod kinds;
 
-pub(crate) use codes::{CHANNELS, Flat, flat, unflat};
+pub(crate) use codes::{CHANNELS, Flat, brighten, flat, shift, unflat};
 pub(crate) use kinds::{Change, Class, KINDS, Kind, Place};
 
 use codes::{ARMS, DARK, REFERENCE};

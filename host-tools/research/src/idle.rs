@@ -1,10 +1,8 @@
 //! Touches that a finger tells although nothing touches it: light, warmth or an LED changed.
 
 use std::fmt::Write as _;
-use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use anyhow::Context as _;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -12,12 +10,11 @@ use taxel::calibration::Calibration;
 use taxel::finger::{Estimate, Finger, FingerState, Wanted};
 use taxel::frame::{Fields, Status};
 use taxel::scan::{Codes, SENSORS, Scan, TaxelCodes};
-use taxel::units::Code;
-use taxel_files::save;
 use taxel_sim::scene::{Changes, REFERENCE_C};
 use taxel_sim::{Scene, Simulator};
 
 use crate::effort::{Waiting, on_all_cores};
+use crate::faults::{brighten, shift};
 use crate::reference::{BIAS, TOP, calibrated, of_board, without_sensors};
 
 /// Devices of which each is calibrated on its own recordings.
@@ -175,15 +172,9 @@ impl Disturbance {
         let Some(TaxelCodes { lit, dark }) = &mut codes.taxels else { return codes };
         let swing = (core::f64::consts::TAU * since as f64 / (SWING_S * RATE as f64)).sin();
         let (stepped, first) = (since / STEP_SCANS % 2 == 1, since % STEP_SCANS == 0);
-        let shifted = |code: Code, by: f64| {
-            Code((f64::from(code.0) + by).round().clamp(0.0, f64::from(TOP)) as u16)
-        };
         let mut light = |rows: core::ops::Range<usize>, by: f64| {
-            for row in lit.get_mut(rows).into_iter().flatten() {
-                for (code, dark) in row.iter_mut().zip(&*dark) {
-                    *code = shifted(*code, by * (f64::from(code.0) - f64::from(dark.0)));
-                }
-            }
+            let rows = lit.get_mut(rows).into_iter().flatten();
+            rows.for_each(|row| brighten(row, dark, by, TOP));
         };
         match self.change {
             Change::Nothing | Change::Warms(_) => {}
@@ -198,7 +189,7 @@ impl Disturbance {
                 for (place, row) in [dark].into_iter().chain(lit).enumerate() {
                     let on = stepped == (place >= jump);
                     let by = if swings { by * 0.5 * (1.0 + swing) } else { by * f64::from(on) };
-                    row.iter_mut().for_each(|code| *code = shifted(*code, by));
+                    row.iter_mut().for_each(|code| shift(code, by, TOP));
                 }
             }
         }
@@ -232,26 +223,6 @@ impl Idle {
         self.faults += other.faults;
         self.most_mn = self.most_mn.max(other.most_mn);
     }
-}
-
-/// Writes the table.
-///
-/// # Errors
-/// The file cannot be written.
-pub fn write_table(rows: &[Idle], path: &Path) -> anyhow::Result<()> {
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    rows.iter().try_for_each(|row| writer.serialize(row))?;
-    Ok(save(path, String::from_utf8(writer.into_inner()?)?)?)
-}
-
-/// Reads a table.
-///
-/// # Errors
-/// A line is not one that [`write_table`] writes.
-pub fn parse(text: &str) -> anyhow::Result<Vec<Idle>> {
-    let mut reader = csv::Reader::from_reader(text.as_bytes());
-    let rows = reader.deserialize().enumerate();
-    rows.map(|(i, row)| row.with_context(|| format!("line {}", i + 2))).collect()
 }
 
 /// Draws the table of the page: a row for each change.

@@ -38,6 +38,7 @@ mod scatter;
 pub mod simulator;
 pub mod slip;
 mod sweeps;
+pub mod table;
 pub mod throughput;
 mod truth;
 

@@ -6,14 +6,13 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use anyhow::Context as _;
 use serde::{Deserialize, Serialize};
 use taxel::calibration::Calibration;
 use taxel::finger::Estimate;
 use taxel::frame::Status;
 use taxel_calibrate::evaluate::Only;
 use taxel_calibrate::recording::Recording;
-use taxel_files::{save, trace::Sample};
+use taxel_files::trace::Sample;
 use taxel_sim::{Scene, Simulator, scene::Changes};
 
 use crate::effort::{Waiting, on_all_cores};
@@ -196,32 +195,12 @@ impl Counts {
     }
 }
 
-/// Writes the table.
-///
-/// # Errors
-/// The file cannot be written.
-pub fn write_table(rows: &[Slips], path: &Path) -> anyhow::Result<()> {
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    rows.iter().try_for_each(|row| writer.serialize(row))?;
-    Ok(save(path, String::from_utf8(writer.into_inner()?)?)?)
-}
-
 /// Draws the chart `slip.svg`.
 ///
 /// # Errors
 /// The file cannot be written.
 pub fn write_chart(rows: &[Slips], path: &Path) -> anyhow::Result<()> {
     chart::draw(rows)?.save(path)
-}
-
-/// Reads a table.
-///
-/// # Errors
-/// A line is not one that [`write_table`] writes.
-pub fn parse(text: &str) -> anyhow::Result<Vec<Slips>> {
-    let mut reader = csv::Reader::from_reader(text.as_bytes());
-    let rows = reader.deserialize().enumerate();
-    rows.map(|(i, row)| row.with_context(|| format!("line {}", i + 2))).collect()
 }
 
 /// Draws the table of the page: a column for each part of the finger.
@@ -275,6 +254,7 @@ mod tests {
     use taxel_files::trace::Truth;
 
     use super::*;
+    use crate::table;
 
     /// A touch without shear, with shear from 10 ms, and with slip from 60 ms on; warned of and
     /// told after these times.
@@ -319,10 +299,15 @@ mod tests {
         let row =
             Slips { part: "both".into(), friction: 0.4, first: 12, told: 3, ..Slips::default() };
         let path = std::env::temp_dir().join(format!("taxel-slips-{}.csv", std::process::id()));
-        write_table(&[row.clone(), row.clone()], &path).unwrap();
+        table::write(&[row.clone(), row.clone()], &path).unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
         std::fs::remove_file(&path).unwrap();
-        assert_eq!(parse(&text).unwrap(), [row.clone(), row]);
-        assert!(parse(&text.replace("0.4", "x")).unwrap_err().to_string().contains("line 2"));
+        assert_eq!(table::parse::<Slips>(&text).unwrap(), [row.clone(), row]);
+        assert!(
+            table::parse::<Slips>(&text.replace("0.4", "x"))
+                .unwrap_err()
+                .to_string()
+                .contains("line 2")
+        );
     }
 }

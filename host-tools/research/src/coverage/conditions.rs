@@ -5,12 +5,12 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, StandardNormal};
 use taxel::calibration::Calibration;
 use taxel::scan::{Codes, TaxelCodes};
-use taxel::units::Code;
 use taxel_calibrate::recording::Recording;
 use taxel_files::trace::Sample;
 use taxel_sim::Simulator;
 
 use super::SEED;
+use crate::faults::{brighten, shift};
 use crate::reference::scene;
 
 /// Change of a recording's codes.
@@ -106,39 +106,32 @@ fn change(
     record: &Calibration,
     rng: &mut ChaCha8Rng,
 ) {
-    let top = f64::from(codes.full_scale.top().0);
-    let moved = |code: &mut Code, by: f64| {
-        code.0 = (f64::from(code.0) + by).round().clamp(0.0, top) as u16;
-    };
+    let top = codes.full_scale.top().0;
     match codewise {
         Codewise::None => {}
         Codewise::Brighten(share) => {
             let share = share * ((seconds - 0.5) / 5.0).clamp(0.0, 1.0);
             let Some(TaxelCodes { lit, dark }) = &mut codes.taxels else { return };
-            for row in lit {
-                for (code, dark) in row.iter_mut().zip(&*dark) {
-                    moved(code, share * (f64::from(code.0) - f64::from(dark.0)));
-                }
-            }
+            lit.iter_mut().for_each(|row| brighten(row, dark, share, top));
         }
         Codewise::Noise(times) => {
-            let more = top * (times * times - 1.0).sqrt();
+            let more = f64::from(top) * (times * times - 1.0).sqrt();
             let mut draw = |noise: f32| -> f64 {
                 let unit: f64 = StandardNormal.sample(rng);
                 more * f64::from(noise) * unit
             };
             let noise = record.taxels.as_ref().map_or(0.0, |taxels| taxels.bias.noise);
             let lit = codes.taxels.iter_mut().flat_map(|taxels| taxels.lit.as_flattened_mut());
-            lit.for_each(|code| moved(code, draw(noise)));
+            lit.for_each(|code| shift(code, draw(noise), top));
             for (midpoints, sensor) in codes.bridges.iter_mut().zip(&record.sensors) {
                 let (Some(midpoints), Some(sensor)) = (midpoints, sensor) else { continue };
                 // An output is the difference of two midpoints.
                 let noise = sensor.bias.noise * core::f32::consts::FRAC_1_SQRT_2;
                 let [a, b, c, d] = [(); 4].map(|()| draw(noise));
-                moved(&mut midpoints.a, a);
-                moved(&mut midpoints.b, b);
-                moved(&mut midpoints.c, c);
-                moved(&mut midpoints.d, d);
+                shift(&mut midpoints.a, a, top);
+                shift(&mut midpoints.b, b, top);
+                shift(&mut midpoints.c, c, top);
+                shift(&mut midpoints.d, d, top);
             }
         }
     }

@@ -17,6 +17,18 @@ pub(crate) const CHANNELS: usize = THERMOMETER + 1;
 /// Code of each channel; zero for a channel that the finger lacks.
 pub(crate) type Flat = [u16; CHANNELS];
 
+/// Moves a code by a number of steps, within a range that ends at `top`.
+pub(crate) fn shift(code: &mut Code, by: f64, top: u16) {
+    code.0 = (f64::from(code.0) + by).round().clamp(0.0, f64::from(top)) as u16;
+}
+
+/// Brightens a row of lit codes by a share of its light above the dark codes.
+pub(crate) fn brighten(lit: &mut [Code; COLS], dark: &[Code; COLS], share: f64, top: u16) {
+    for (code, dark) in lit.iter_mut().zip(dark) {
+        shift(code, share * (f64::from(code.0) - f64::from(dark.0)), top);
+    }
+}
+
 /// Lists the codes of a scan.
 pub(crate) fn flat(codes: &Codes) -> Flat {
     let TaxelCodes { lit, dark } = codes.taxels.unwrap_or_default();

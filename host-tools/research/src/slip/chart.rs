@@ -259,7 +259,7 @@ mod tests {
 
     #[test]
     fn page_has_the_picture_of_slip_csv() {
-        let rows = super::super::parse(TABLE).unwrap();
+        let rows = crate::table::parse(TABLE).unwrap();
         assert!(svg(&rows) == PICTURE, "docs/images/slip.svg: `taxel-research slip --draw`");
     }
 

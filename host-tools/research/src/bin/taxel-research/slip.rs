@@ -1,13 +1,11 @@
 //! Slip of the reference finger, into host-tools/research/data/slip.csv, its chart and its table.
 
-use std::sync::atomic::AtomicBool;
-
 use anyhow::Result;
 use clap::Args;
-use taxel_research::{Waiting, slip};
+use taxel_research::{slip, table};
 
 use crate::root;
-use crate::table::Table;
+use crate::table::{Table, measured};
 
 /// Counts warnings and reports of slip of the reference finger, and false ones, into
 /// host-tools/research/data/slip.csv, docs/images/slip.svg and docs/accuracy.md
@@ -21,18 +19,16 @@ pub struct Slip {
 pub const TABLE: Table = Table {
     task: "slip",
     page: "docs/accuracy.md",
-    section: |csv| Ok(slip::section(&slip::parse(csv)?)),
+    section: |csv| Ok(slip::section(&table::parse(csv)?)),
 };
 
 /// Measures, unless the table is only to be drawn, and draws chart and table.
 pub fn run(arguments: &Slip) -> Result<()> {
     let path = TABLE.csv();
     if !arguments.draw {
-        let progress = |share: f64, what: &str| eprintln!("{:3.0} %  {what}", 100.0 * share);
-        let waiting = Waiting { progress: &progress, stop: &AtomicBool::new(false) };
-        slip::write_table(&slip::measure(waiting)?, &path)?;
+        table::write(&measured(slip::measure)?, &path)?;
     }
-    let rows = slip::parse(&std::fs::read_to_string(&path)?)?;
+    let rows = table::parse(&std::fs::read_to_string(&path)?)?;
     slip::write_chart(&rows, &root().join("docs/images/slip.svg"))?;
     TABLE.draw()
 }

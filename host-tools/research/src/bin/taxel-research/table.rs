@@ -1,10 +1,18 @@
 //! Tables of tasks: each stands in a CSV file and, between marks, on a page.
 
 use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context, Result};
+use taxel_research::Waiting;
 
 use crate::root;
+
+/// Runs a measurement to its end, and tells its progress.
+pub fn measured<R>(measure: impl FnOnce(Waiting<'_>) -> Result<R>) -> Result<R> {
+    let progress = |share: f64, what: &str| eprintln!("{:3.0} %  {what}", 100.0 * share);
+    measure(Waiting { progress: &progress, stop: &AtomicBool::new(false) })
+}
 
 /// Table of a task.
 pub struct Table {
