@@ -244,7 +244,7 @@ impl FingerState {
         if contact {
             self.course = Course::begin(now);
             self.grip.begin(now);
-            self.filters.freeze(now);
+            self.filters.freeze();
         } else {
             self.filters.drift.release();
             self.matrix.clear();
@@ -418,12 +418,10 @@ impl Finger {
         let mut drifts = filters::drifts(self.calibration.as_ref(), signals);
         let factor2 = self.gate.threshold(&state.gate);
         let mut above = state.bias.exceeded(signals, factor2);
-        let mut whole = None;
         if above && let Some(of) = drifts {
-            let drift = &state.filters.drift;
             let possible;
-            (whole, above, possible) =
-                without_drift(of, drift, (signals, &state.bias), factor2, scan.time);
+            (above, possible) =
+                without_drift(of, &state.filters.drift, signals, &state.bias, factor2);
             drifts = drifts.filter(|_| possible);
         }
         let before = state.gate.contact();
@@ -433,9 +431,6 @@ impl Finger {
             let matrix = signals.taxels.as_ref().zip(state.bias.taxels.as_ref()).filter(|_| sound);
             matrix.map_or(0.0, |(c, bias)| unmistakable(c, bias.noise))
         });
-        if whole.is_some() {
-            signals.taxels = whole;
-        }
         flag(&mut status, Status::RAN_DRIFT, drifts.is_some());
         flag(&mut status, Status::CONTACT, contact);
         if contact != before {
@@ -461,7 +456,7 @@ impl Finger {
                 let needed = runs || self.filter.is_some();
                 filters.compensate(record, signals, passed, needed, &mut status);
             } else {
-                filters.follow(record, drifts, (signals, &state.bias), passed);
+                filters.follow(record, drifts, (signals, &mut state.bias), passed);
             }
         }
         if let Some(filter) = &self.filter {

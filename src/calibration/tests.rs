@@ -157,7 +157,7 @@ fn record_that_cannot_measure_fails_rehearsal() {
     fn noisy(record: &mut Calibration) {
         record.taxels.as_mut().unwrap().bias.noise = 0.02;
         record.sensors.iter_mut().flatten().for_each(|sensor| sensor.bias.noise = 0.02);
-        let gains = |sensor: &mut SensorCalibration| sensor.sensitivity.0[2] = [1.0, 2.0, 5.0];
+        let gains = |sensor: &mut SensorCalibration| sensor.sensitivity.0[2] = [1.5, 2.5, 7.0];
         record.sensors.iter_mut().flatten().for_each(gains);
         record.model = None;
     }

@@ -2,16 +2,16 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::Signals;
 use super::levels::{BridgeLevels, Levels, TaxelLevels};
-use super::{Health, Signals};
 use crate::math::{at_least, at_most, sqrt};
 use crate::scan::{SENSORS, TAXELS};
 
 /// Lower limit of a channel's noise: a quarter of a 12-bit step. The limit is needed because a
 /// short average may look quieter.
 pub const NOISE_FLOOR: f32 = 0.25 / 4096.0;
-/// Upper limit of a channel's noise: 80 steps of a 12-bit converter. The contact gate opens at
-/// eight times the noise, and above this limit no press would open it.
+/// Upper limit of a channel's noise: 80 steps of a 12-bit converter. Above it few presses would
+/// open the contact gate.
 pub(crate) const NOISE_LIMIT: f32 = 0.02;
 
 /// Bias of the optical matrix.
@@ -77,29 +77,69 @@ impl Bias {
     ///
     /// The signal of a part is its root mean square. Faulty channels do not count.
     #[must_use]
+    #[inline(never)]
     pub fn exceeded(&self, signals: &Signals, factor2: f32) -> bool {
-        let Health { dead, bridge_faults, .. } = signals.health;
         if let (Some(c), Some(bias)) = (&signals.taxels, &self.taxels)
-            && exceeds(c, dead, bias.noise, factor2)
+            && bias.exceeded(c, signals.health.dead, factor2)
         {
             return true;
         }
+        self.any_sensor(signals, |noise| factor2 * noise * noise)
+    }
+
+    /// Returns whether a sensor exceeds its noise, as [`Bias::exceeded`] does, and also what it may
+    /// have `drifted`, squared as well.
+    #[inline(never)]
+    pub(crate) fn sensor_exceeded(&self, signals: &Signals, factor2: f32, drifted2: f32) -> bool {
+        self.any_sensor(signals, |noise| factor2 * noise * noise + drifted2)
+    }
+
+    /// Returns whether a sensor's mean square exceeds a limit, given its noise.
+    #[inline(always)]
+    fn any_sensor(&self, signals: &Signals, limit2: impl Fn(f32) -> f32) -> bool {
+        let faults = signals.health.bridge_faults;
         for (i, sensor) in signals.bridges.iter().zip(&self.bridges).enumerate() {
             if let (Some(u), Some(bias)) = sensor
-                && exceeds(u, 0, bias.noise, factor2)
-                && bridge_faults >> i & 1 == 0
+                && exceeds(u, 0, bias.noise, limit2(bias.noise))
+                && faults >> i & 1 == 0
             {
                 return true;
             }
         }
         false
     }
+
+    /// Takes a `share` of the signals into the bias.
+    #[inline(never)]
+    pub(crate) fn follow(&mut self, signals: &Signals, share: f32) {
+        if let (Some(c), Some(bias)) = (&signals.taxels, &mut self.taxels) {
+            approach(&mut bias.level, c, -share);
+        }
+        for (u, bias) in signals.bridges.iter().zip(&mut self.bridges) {
+            if let (Some(u), Some(bias)) = (u, bias) {
+                approach(&mut bias.level, u, share);
+            }
+        }
+    }
 }
 
-/// Returns whether the mean square of the signals whose bit in `skip` is clear exceeds that of the
-/// noise by a factor. Without noise nothing is known to exceed it.
 #[inline(always)]
-fn exceeds(signals: &[f32], skip: u16, noise: f32, factor2: f32) -> bool {
+fn approach(levels: &mut [f32], signals: &[f32], share: f32) {
+    levels.iter_mut().zip(signals).for_each(|(level, signal)| *level += share * signal);
+}
+
+impl TaxelBias {
+    /// Returns whether the taxels that are not `dead` exceed their noise, as [`Bias::exceeded`] does.
+    #[inline(always)]
+    pub(crate) fn exceeded(&self, c: &TaxelLevels, dead: u16, factor2: f32) -> bool {
+        exceeds(c, dead, self.noise, factor2 * self.noise * self.noise)
+    }
+}
+
+/// Returns whether the mean square of the signals whose bit in `skip` is clear exceeds a limit.
+/// Without noise nothing is known to exceed it.
+#[inline(always)]
+fn exceeds(signals: &[f32], skip: u16, noise: f32, limit2: f32) -> bool {
     let (mut squares, mut count) = (0.0, signals.len() as f32);
     if skip == 0 {
         squares = signals.iter().fold(squares, |sum, signal| sum + signal * signal);
@@ -113,7 +153,7 @@ fn exceeds(signals: &[f32], skip: u16, noise: f32, factor2: f32) -> bool {
         }
     }
     // Both sides times the noise: without any, neither is more.
-    squares * noise > factor2 * count * noise * noise * noise
+    squares * noise > count * noise * limit2
 }
 
 /// Averages scans into a [`Bias`] and checks that they hold still.
@@ -317,8 +357,41 @@ mod tests {
     }
 
     #[test]
+    fn bias_takes_its_share_of_the_signals() {
+        let mut bias = Bias {
+            taxels: Some(TaxelBias { level: [0.3; TAXELS], noise: 1e-4 }),
+            bridges: [Some(BridgeBias::default()), None, None, None],
+        };
+        let levels = Levels {
+            taxels: Some([0.2; TAXELS]),
+            bridges: [Some([0.1, 0.0, -0.1]); SENSORS],
+            ..Levels::default()
+        };
+        for _ in 0..2 {
+            bias.follow(&bias.apply(&levels, None), 0.5);
+        }
+        // A quarter of the way is left.
+        let [taxels, bridge] = [bias.taxels.unwrap().level[7], bias.bridges[0].unwrap().level[2]];
+        assert!((taxels - 0.225).abs() < 1e-6 && (bridge + 0.075).abs() < 1e-6);
+        assert_eq!(bias.bridges[1], None);
+    }
+
+    #[test]
+    fn what_a_sensor_may_have_drifted_is_no_contact() {
+        let noise = 1e-4;
+        let bias = Bias {
+            bridges: [Some(BridgeBias { noise, ..BridgeBias::default() }), None, None, None],
+            ..Bias::default()
+        };
+        let bridges = [Some([0.01; 3]), None, None, None];
+        let signals = Signals { bridges, ..Signals::default() };
+        let exceeds = |drifted: f32| bias.sensor_exceeded(&signals, 64.0, drifted * drifted);
+        assert!(exceeds(0.0) && exceeds(0.0099) && !exceeds(0.0101));
+    }
+
+    #[test]
     fn faulty_channels_do_not_look_like_contact() {
-        let above = |signals: &[f32], factor2: f32| exceeds(signals, 0b001, 0.1, factor2);
+        let above = |signals: &[f32], factor2: f32| exceeds(signals, 0b001, 0.1, factor2 * 0.01);
         assert!(!above(&[1.0, 0.0, 0.0], 0.0) && !above(&[1.0], 0.0));
         assert!(above(&[1.0, 0.2, -0.2], 3.9) && !above(&[1.0, 0.2, -0.2], 4.1));
     }

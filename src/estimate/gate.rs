@@ -13,9 +13,9 @@ const AT_ONCE: f32 = 2.0;
 
 /// Contact gate: thresholds on the signals' root mean square, in units of their noise.
 ///
-/// The root mean square of 16 noisy taxels is 1 ± 0.18, so that noise alone does not reach 8. The
-/// margin is for slow drift. On the reference fingertip 8 corresponds to 15 mN in the middle of the
-/// pad.
+/// The root mean square of 16 noisy taxels is 1 ± 0.18, so that noise alone does not reach 6. The
+/// margin is for drift that is not followed yet, and for fewer samples a reading than when the bias
+/// was taken.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Gate {
     /// Threshold above which contact begins.
@@ -30,7 +30,7 @@ pub struct Gate {
 
 impl Default for Gate {
     fn default() -> Self {
-        Self { on: 8.0, off: 5.0, begin_frames: 2, end_frames: 4 }
+        Self { on: 6.0, off: 4.0, begin_frames: 2, end_frames: 4 }
     }
 }
 
@@ -193,7 +193,7 @@ mod tests {
     fn signal_between_thresholds_does_not_chatter() {
         let gate = Gate::default();
         let mut state = GateState::default();
-        let between = 6.5f32 * 6.5;
+        let between = 5.0f32 * 5.0;
         assert!(!(0..100).any(|_| gate.update(&mut state, between)));
         gate.update(&mut state, 1e4);
         gate.update(&mut state, 1e4);

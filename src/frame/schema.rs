@@ -197,7 +197,7 @@ macro_rules! status_bits {
                 RAN_QUANTISED 25 "ran-quantised-net" cfg!(feature = "quantised"), "the force net in 16 bits ran"
                 RAN_WARMTH 26 "ran-warmth" cfg!(feature = "warmth"), "the effect of temperature was taken off"
                 RAN_LAG 27 "ran-lag" cfg!(feature = "lag"), "the lag of skin and force sensors was compensated"
-                RAN_DRIFT 28 "ran-drift" cfg!(feature = "drift"), "a drift of the light was compensated"
+                RAN_DRIFT 28 "ran-drift" cfg!(feature = "drift"), "drift is compensated: of the light, and at rest of every channel"
             }
         }
     };

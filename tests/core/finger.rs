@@ -395,9 +395,19 @@ fn force_sensor_gain_follows_temperature() {
     assert!((warm / cold - gain).abs() < 1e-3, "{warm} {cold} {gain}");
 }
 
-/// Share of scans in contact over `seconds`, in which the light is what `light` says of the second.
-/// A taxel is pressed in the seconds `touched`; scans count from half a second after them.
-fn contacts(seconds: u64, touched: core::ops::Range<f32>, light: impl Fn(f32) -> f32) -> f32 {
+/// Drift of a finger that rests or is touched.
+struct Drifting {
+    /// Light of a row at a second, over that at the begin.
+    light: fn(f32, usize) -> f32,
+    /// Zero of a force sensor at a second, in codes.
+    zero: fn(f32) -> f32,
+}
+
+const NOTHING_DRIFTS: Drifting = Drifting { light: |_, _| 1.0, zero: |_| 0.0 };
+
+/// Share of scans in contact over `seconds` of a drift. A taxel is pressed in the seconds
+/// `touched`; scans count from half a second after them.
+fn contacts(seconds: u64, touched: core::ops::Range<f32>, drifting: &Drifting) -> f32 {
     let drift = Some(DriftCompensation { most: 0.05 });
     let (finger, mut state) = Finger::new(Some(Calibration { drift, ..calibration() }));
     let mut judged = [0.0; 2];
@@ -408,10 +418,15 @@ fn contacts(seconds: u64, touched: core::ops::Range<f32>, light: impl Fn(f32) ->
         let TaxelCodes { lit, dark } = scan.codes.taxels.as_mut().unwrap();
         // A code that never changes is a fault.
         let noise = (i % 3) as f32;
-        for code in lit.as_flattened_mut() {
-            let dark = f32::from(dark[0].0);
-            code.0 = (dark + (f32::from(code.0) - dark) * light(second) + noise) as u16;
+        for (row, codes) in lit.iter_mut().enumerate() {
+            for code in codes {
+                let dark = f32::from(dark[0].0);
+                let light = (drifting.light)(second, row);
+                code.0 = (dark + (f32::from(code.0) - dark) * light + noise) as u16;
+            }
         }
+        let midpoint = &mut scan.codes.bridges[0].as_mut().unwrap().a.0;
+        *midpoint = (f32::from(*midpoint) + (drifting.zero)(second) + noise) as u16;
         let estimate = finger.estimate(&mut state, &scan);
         assert!(
             !is_touched
@@ -429,16 +444,59 @@ fn contacts(seconds: u64, touched: core::ops::Range<f32>, light: impl Fn(f32) ->
 #[test]
 fn light_that_drifts_is_no_touch() {
     let none = 0.0..0.0;
-    for share in [0.99, 1.01, 0.96] {
-        let felt = contacts(4, none.clone(), |_| share);
-        assert!(
-            felt < 0.005,
-            "{share} of the light from the begin: {felt} of the scans in contact"
-        );
+    for light in [|_, _| 0.99, |_, _| 1.01, |_, _| 0.96] {
+        let felt = contacts(4, none.clone(), &Drifting { light, ..NOTHING_DRIFTS });
+        assert!(felt < 0.005, "{} of the light: {felt} of the scans in contact", light(0.0, 0));
     }
-    let felt = contacts(10, none.clone(), |second| 1.0 - 0.004 * second);
-    assert_eq!(felt, 0.0, "0.4 % a second");
+    let drifting = Drifting { light: |second, _| 1.0 - 0.004 * second, ..NOTHING_DRIFTS };
+    assert_eq!(contacts(10, none, &drifting), 0.0, "0.4 % a second");
     // The light falls while the finger is touched, as fast as is assumed at most.
-    let felt = contacts(10, 1.0..6.0, |second| 1.0 - 0.0018 * (second - 1.0).clamp(0.0, 5.0));
+    let light = |second: f32, _| 1.0 - 0.0018 * (second - 1.0).clamp(0.0, 5.0);
+    let felt = contacts(10, 1.0..6.0, &Drifting { light, ..NOTHING_DRIFTS });
     assert_eq!(felt, 0.0, "0.9 % in a touch of 5 s");
+}
+
+#[test]
+fn row_or_force_sensor_that_drifts_is_no_touch() {
+    let light = |second: f32, row| if row == 1 { 1.0 - 0.001 * second } else { 1.0 };
+    let row = Drifting { light, ..NOTHING_DRIFTS };
+    assert_eq!(contacts(20, 0.0..0.0, &row), 0.0, "a row of LEDs by 2 % in 20 s");
+    // A ten-thousandth of full scale a second.
+    let sensor = Drifting { zero: |second| 6.5 * second, ..NOTHING_DRIFTS };
+    assert_eq!(contacts(60, 0.0..0.0, &sensor), 0.0, "at rest");
+    let zero = |second: f32| 6.5 * (second - 1.0).clamp(0.0, 20.0);
+    let felt = contacts(30, 1.0..21.0, &Drifting { zero, ..NOTHING_DRIFTS });
+    assert_eq!(felt, 0.0, "in a touch of 20 s");
+}
+
+#[test]
+fn bias_follows_from_one_and_a_half_seconds_after_a_touch_on() {
+    let drift = Some(DriftCompensation { most: 0.05 });
+    let (finger, mut state) = Finger::new(Some(Calibration { drift, ..calibration() }));
+    let before = *state.bias();
+    // The zero of a sensor is off by too little for a contact. A taxel is pressed for two seconds.
+    let mut way = |milliseconds: core::ops::Range<u64>| {
+        for i in milliseconds {
+            let mut scan = pressed(1000 * i, 6, if i < 2000 { 6_554 } else { 0 });
+            scan.codes.bridges[0].as_mut().unwrap().a.0 += (4 + i % 3) as u16;
+            finger.estimate(&mut state, &scan);
+        }
+        let [now, begin] = [state.bias(), &before].map(|bias| bias.bridges[0].unwrap().level[0]);
+        (begin - now) * 65_535.0 / 5.0
+    };
+    let ways = [way(0..2000), way(2000..3480), way(3480..5500), way(5500..15_000)];
+    assert_eq!(ways[..2], [0.0; 2]);
+    assert!((0.6..0.67).contains(&ways[2]), "{ways:?}");
+    assert!((0.98..1.02).contains(&ways[3]), "{ways:?}");
+}
+
+#[test]
+fn finger_without_drift_section_takes_drift_for_touch() {
+    let (finger, mut state) = Finger::new(Some(calibration()));
+    let felt = (0..20_000u64).any(|i| {
+        let mut scan = unloaded(1000 * i);
+        scan.codes.bridges[0].as_mut().unwrap().a.0 += (i / 150 + i % 3) as u16;
+        finger.estimate(&mut state, &scan).status.contains(Status::CONTACT)
+    });
+    assert!(felt, "the compensation can be switched off");
 }

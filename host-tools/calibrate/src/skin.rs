@@ -5,7 +5,6 @@ use std::sync::atomic::AtomicBool;
 
 use taxel::condition::Signals;
 use taxel::estimate::contact_point::centroid;
-use taxel::estimate::gate::Gate;
 use taxel::estimate::inverse::{ContactFit, Inverse, InverseState};
 use taxel::finger::UNSURE_PLACE;
 use taxel::scan::{TAXEL_CENTRES, TAXELS};
@@ -137,6 +136,10 @@ fn known_shear([x, y, _]: [Option<f64>; 3]) -> Option<[f64; 2]> {
     Some([x?, y?])
 }
 
+/// Factor on the noise that the signals of a row exceed to serve a fit. Weaker rows tell more of
+/// noise and drift than of a touch.
+pub(crate) const TOUCHED: f32 = 5.0;
+
 /// Labels of the recordings besides the normal force.
 #[derive(Clone, Copy)]
 struct Labelled {
@@ -154,7 +157,6 @@ fn rows(
     wrong: &HashSet<usize>,
     Labelled { placed, sheared, least }: Labelled,
 ) -> (Vec<Option<Row>>, usize) {
-    let gate = Gate::default();
     let samples = prepared.recording.samples.iter().zip(&prepared.signals);
     let mut left_out = 0;
     let rows = samples
@@ -170,7 +172,7 @@ fn rows(
                 guessed(&c)
             };
             let alone = Signals { taxels: Some(c), ..Signals::default() };
-            let touched = prepared.bias.exceeded(&alone, gate.off * gate.off);
+            let touched = prepared.bias.exceeded(&alone, TOUCHED * TOUCHED);
             let sound =
                 signals.health.dead == 0 && signals.health.saturated == 0 && !wrong.contains(&at);
             let force = [fx, fy, sample.truth.force[2]?];

@@ -28,8 +28,8 @@ pub(crate) use firmware::{calibrated, firmwares};
 
 /// Largest number of rows to fit; a net takes no more.
 const ROWS: usize = 4096;
-/// Gate's `off` threshold in standard deviations; below it the finger runs no estimator.
-const GATE: f32 = 5.0;
+/// Standard deviations that the signals of a row exceed to serve the fit.
+const TOUCHED: f32 = 5.0;
 
 /// Output of a method at one moment.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -182,7 +182,7 @@ impl Rows {
                     continue;
                 };
                 let squares: f32 = c.iter().map(|c| c * c).sum();
-                if squares > (GATE * noise).powi(2) * TAXELS as f32 {
+                if squares > (TOUCHED * noise).powi(2) * TAXELS as f32 {
                     x.push(c.map(f64::from).to_vec());
                     y.push(vec![fx, fy, fz]);
                     times.push(time);

@@ -5,7 +5,6 @@ use std::sync::atomic::AtomicBool;
 
 use taxel::calibration::{Range, TaxelCalibration};
 use taxel::condition::{Bias, Signals, TaxelBias};
-use taxel::estimate::gate::Gate;
 use taxel::estimate::net::{ForceNet, MAX_HIDDEN};
 use taxel::estimate::quantised::Net as RecordNet;
 use taxel::scan::{COLS, TAXELS};
@@ -13,7 +12,7 @@ use taxel::scan::{COLS, TAXELS};
 use super::{FitOptions, Fitted, Part, known, warn_of_stuck};
 use crate::augment;
 use crate::prepared::Prepared;
-use crate::skin::Skin;
+use crate::skin::{Skin, TOUCHED};
 use taxel_regress::duplicate_channels::{self, Conditioning};
 use taxel_regress::error::FitError;
 use taxel_regress::model::Family;
@@ -87,7 +86,6 @@ pub(super) fn loads(
         warn_of_stuck(fitted, recording, &recording.stuck_taxels());
         let (mut x, mut y, mut at, before) = (Vec::new(), Vec::new(), Vec::new(), faulty);
         let own = Bias { taxels: Some(bias), ..Bias::default() };
-        let gate = Gate::default();
         let samples = recording.recording.samples.iter().zip(&recording.signals);
         for (row, (sample, signals)) in samples.enumerate() {
             let [fx, fy, fz] = sample.truth.force;
@@ -97,11 +95,11 @@ pub(super) fn loads(
                 known([fx, fy, fz]).map(|force| force.to_vec())
             };
             let (Some(target), Some(c)) = (target, signals.taxels) else { continue };
-            // Rows below the gate must not shape the net, because it never runs on them.
+            // Rows without a touch must not shape the net, because it never runs on them.
             let alone = Signals { taxels: Some(c), ..Signals::default() };
             if signals.health.dead != 0 || signals.health.saturated != 0 {
                 faulty += 1;
-            } else if own.exceeded(&alone, gate.off * gate.off) {
+            } else if own.exceeded(&alone, TOUCHED * TOUCHED) {
                 x.push(c.map(f64::from).to_vec());
                 y.push(target);
                 at.push(row);

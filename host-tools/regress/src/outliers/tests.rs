@@ -9,7 +9,7 @@ use taxel_sim::{Scene, Simulator};
 
 use super::*;
 
-/// Gate of the finger, in standard deviations of the signals; below it no estimator runs.
+/// Standard deviations that the signals of a row exceed to serve a fit.
 const GATE: f32 = 5.0;
 
 /// Unloaded rows at the beginning of a built-in scene.

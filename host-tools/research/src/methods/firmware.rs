@@ -10,6 +10,7 @@ use taxel::estimate::array::{Array, WrenchMethod};
 use taxel::estimate::vibration::VibrationDetector;
 use taxel::finger::{Estimate, Finger};
 use taxel::frame::Status;
+use taxel::units::Micros;
 use taxel_calibrate::array;
 use taxel_calibrate::finger::{FitOptions, Subject};
 use taxel_regress::model::Family;
@@ -96,12 +97,18 @@ pub(crate) fn calibrated(
     Ok(fitted.calibration)
 }
 
-/// Returns an estimator that keeps state from scan to scan and uses all parts of the record.
+/// Returns an estimator that keeps state from scan to scan and uses all parts of the record. It starts
+/// with each run, as a finger that is switched on.
 fn finger(record: Calibration) -> impl FnMut(&Moment) -> Estimate {
     let [blind, numb] = [record.taxels.is_none(), record.array.is_none()];
-    let (finger, mut state) = Finger::new(Some(record));
+    let (finger, new) = Finger::new(Some(record));
+    let (mut state, mut last) = (new.clone(), Micros(0));
     move |moment| {
         let mut scan = moment.sample.scan;
+        if scan.time < last {
+            state = new.clone();
+        }
+        last = scan.time;
         if blind {
             scan.codes.taxels = None;
         }

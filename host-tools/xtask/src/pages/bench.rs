@@ -393,7 +393,7 @@ mod tests {
         };
         assert_eq!(limits("B2"), ["0", "53", "", "mA"]);
         assert_eq!(limits("B16b"), ["0", "0", "", "frames lost"]);
-        assert_eq!(limits("F7"), ["0", "2.83", "11.6", "mN"]);
+        assert_eq!(limits("F7"), ["0", "2.84", "11.6", "mN"]);
         assert_eq!(limits("B19"), ["", "", "", ""]);
     }
 }

@@ -29,15 +29,16 @@ const LIGHT: [f64; 8] = [0.002, 0.003, 0.005, 0.007, 0.01, 0.015, 0.02, 0.03];
 
 /// Detection threshold: the least of the [`LIGHT`] loads that is detected, as are all heavier ones.
 ///
-/// A load is detected if every scan of half a second of its hold shows contact.
+/// A load is detected if every scan of half a second of its hold shows contact. The finger has then
+/// rested for three seconds, in which it follows what drifts.
 pub fn least_felt(device: u32, record: &Calibration, with: With) -> Option<f64> {
     let felt = |load: &&f64| {
         let press = format!(
-            "[[press]]\nat_s = 1\nx_mm = 0.4\ny_mm = -0.3\nfz_n = {load}\nrise_s = 0.2\nhold_s = 0.8\n\
+            "[[press]]\nat_s = 3\nx_mm = 0.4\ny_mm = -0.3\nfz_n = {load}\nrise_s = 0.2\nhold_s = 0.8\n\
              fall_s = 0.2\n"
         );
-        let estimates = replay(record, &run(device, 6, 1000, 2.3, 0.8, &press), with);
-        estimates[1400..1900].iter().all(|e| e.status.contains(Status::CONTACT))
+        let estimates = replay(record, &run(device, 6, 1000, 4.3, 0.8, &press), with);
+        estimates[3400..3900].iter().all(|e| e.status.contains(Status::CONTACT))
     };
     LIGHT.iter().rev().take_while(felt).last().copied()
 }
